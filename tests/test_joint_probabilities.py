@@ -1,8 +1,6 @@
-"""Probabilities of joint events: against enumeration, recursion, counting and Stone Soup."""
+"""Probabilities of joint events: against enumeration, recursion, and counting."""
 
-import datetime
 from math import comb, perm
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 from tests.definitions.joint_events import joint_probabilities as plain_probabilities
 
-from kilnflight.association import JPDA, Pairs, joint_probabilities
+from kilnflight.association import joint_probabilities
 from kilnflight.checks import InputError
 
 seeds = st.integers(0, 2**32 - 1)
@@ -66,18 +64,6 @@ def test_all_in_all_gates(tracks, detections):
     np.testing.assert_allclose(result[:, 1:], matched / detections, rtol=1e-9)
 
 
-@settings(max_examples=15)
-@given(seeds)
-def test_probabilities(seed):
-    rng = np.random.default_rng(seed)
-    likelihood = 10.0 ** rng.uniform(-20, 20, (30, 30)) * (rng.random((30, 30)) < 0.08)
-    result = joint_probabilities(likelihood, 10.0 ** rng.uniform(-20, 20, 30))
-    assert (result >= 0).all()
-    np.testing.assert_allclose(result.sum(axis=1), 1.0, rtol=1e-12)
-    assert (result[:, 1:].sum(axis=0) <= 1 + 1e-12).all()
-    assert (result[:, 1:][likelihood == 0] == 0).all()
-
-
 def test_extreme_likelihoods_and_tracks_that_must_have_a_detection():
     """Every event of the first three tracks weighs about 1e-600."""
     tiny = np.full((3, 3), 1e-300)
@@ -124,38 +110,3 @@ def test_dense_groups_alone_leave_out_their_weakest_pairs():
     np.testing.assert_allclose(result[:5, :6], whole, atol=1e-4)
     alone = joint_probabilities(both[5:, 5:], missed[5:])
     np.testing.assert_allclose(result[5:, 6:], alone[:, 1:], rtol=1e-12)
-
-
-def test_the_tracker_thins_groups_that_the_function_sums():
-    """18 tracks that all share 18 detections: 2^22 states."""
-    crowded = Pairs(*(np.zeros((18, 18)), np.zeros(18), np.zeros((18, 18)), np.ones(18), 0.99),
-                    np.zeros((18, 2)), *np.tile(np.eye(2), (2, 18, 1, 1)))  # fmt: skip
-    with pytest.warns(UserWarning, match="joint probabilities"):
-        weights = JPDA()(crowded)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-
-
-def test_stone_soup_gives_the_same_probabilities():
-    name, reason = "stonesoup.dataassociator.probability", "Stone Soup is not installed"
-    associator = pytest.importorskip(name, reason=reason).JPDAwithEHM2
-    from stonesoup.types.detection import Detection, MissedDetection
-    from stonesoup.types.hypothesis import SingleProbabilityHypothesis as Hypothesis
-    from stonesoup.types.multihypothesis import MultipleHypothesis
-    from stonesoup.types.track import Track
-
-    rng, now = np.random.default_rng(4), datetime.datetime(2023, 1, 1)
-    likelihood = rng.exponential(1, (4, 5)) * (rng.random((4, 5)) < 0.6)
-    missed, tracks = rng.exponential(0.5, 4), [Track() for _ in likelihood]
-    detections = [Detection([column, 0.0], now) for column in range(5)]
-    hypotheses = {}
-    for track, row, none in zip(tracks, likelihood, missed, strict=True):
-        pairs = [Hypothesis(None, detections[j], row[j]) for j in np.flatnonzero(row)]
-        none = Hypothesis(None, MissedDetection(timestamp=now), none)
-        hypotheses[track] = MultipleHypothesis([none, *pairs])
-    ready = SimpleNamespace(hypothesise=lambda track, *args, **more: hypotheses[track])
-    result = associator(ready).associate(tracks, set(detections), now)
-    weights = np.zeros((4, 6))
-    for row, track in zip(weights, tracks, strict=True):
-        for each in result[track]:
-            row[1 + detections.index(each.measurement) if each else 0] = float(each.probability)
-    np.testing.assert_allclose(joint_probabilities(likelihood, missed), weights, atol=1e-9)

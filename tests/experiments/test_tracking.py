@@ -66,7 +66,7 @@ def test_defaults_of_the_steps_are_those_of_table_5_16():
     assert (outliers.angle_deg, outliers.change) == (30.0, 18.0)
     assert (connection.gap, connection.overlap, connection.depth) == (15, 5, 1500.0)
     assert fusion.distance == 10.0
-    assert tracklets.Costs() == tracklets.Costs(2.0, 2.0, 0.1, 1.0, 2.0, 1e11)
+    assert tuple(vars(connection.costs).values()) == (2.0, 2.0, 0.1, 1.0, 2.0, 1e11)
 
 
 def test_settings_that_are_not_printed_come_from_a_table():

@@ -1,25 +1,19 @@
-"""Motion, Kalman filter and gate, held against the printed equations and filterpy."""
+"""Motion, Kalman filter and gate, held against the printed equations."""
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.definitions import kalman
 
 from kilnflight.checks import InputError
-from kilnflight.tracking.filter import (
-    ConstantAcceleration,
-    ConstantVelocity,
-    Detected,
-    Gate,
-    predict,
-    residual_covariance,
-    update,
-)
+from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
+
+from kilnflight.tracking.filter import predict, residual_covariance, update  # isort: skip
 
 seeds = st.integers(0, 2**32 - 1)
-spans = st.integers(0, 300).map(lambda tenths: tenths / 10)  # frames
+spans = st.integers(0, 300).map(lambda number: number / 10)  # frames
+tenths = st.integers(0, 60).map(lambda number: number / 10)
 motions = pytest.mark.parametrize("motion", [ConstantVelocity(), ConstantAcceleration()])
 NAN = np.nan
 
@@ -50,6 +44,7 @@ def test_the_matrices_of_the_page():
     np.testing.assert_array_equal(motion.transition(3.0), expected)
     np.testing.assert_array_equal(motion.measurement(), [[1, 0, 0, 0], [0, 1, 0, 0]])
     np.testing.assert_array_equal(motion.measurement_noise(), [[4, 0], [0, 4]])
+    np.testing.assert_allclose(motion.process_noise(3.0)[::2, ::2], [[9, 4.5], [4.5, 3]])
     thrown = ConstantAcceleration().transition(4.0) @ [1.0, 2.0, 10.0, -5.0, 0.5, 1.0]
     np.testing.assert_allclose(thrown, [45.0, -10.0, 12.0, -1.0, 0.5, 1.0])
 
@@ -67,21 +62,6 @@ def test_two_steps_are_one(motion, first, second):
 
 
 @motions
-@pytest.mark.parametrize("span", [0.1, 1.0, 7.3])
-def test_noise_is_the_integral_of_the_disturbance(motion, span):
-    """F q F' over the span, by Gauss-Legendre (exact for polynomials)."""
-    nodes, weights = np.polynomial.legendre.leggauss(6)
-    k = len(motion.transition(1.0))
-    density = np.zeros((k, k))
-    density[-2:, -2:] = motion.process_noise(1.0)[-2:, -2:]
-    total = sum(
-        weight * span / 2 * motion.transition(t) @ density @ motion.transition(t).T
-        for weight, t in zip(weights, span * (nodes + 1) / 2, strict=True)
-    )
-    np.testing.assert_allclose(motion.process_noise(span), total, rtol=1e-9)
-
-
-@motions
 @settings(max_examples=15)
 @given(seed=seeds, count=st.integers(0, 4), detections=st.integers(0, 5), span=st.integers(1, 20))
 def test_the_equations_as_printed(motion, seed, count, detections, span):
@@ -91,7 +71,10 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
     moved, spread = predict(state, covariance, f, q)
     positions = generator.normal(0, 50, (detections, 2))
     weights = generator.dirichlet(np.full(1 + detections, 0.5), count)
+    weights[:1] = np.eye(1, 1 + detections)  # missed: the prediction bit by bit
     after, left = updated(state, covariance, positions, weights, h, r)
+    np.testing.assert_array_equal(after[:1], state[:1])
+    np.testing.assert_array_equal(left[:1], covariance[:1])
     for i in range(count):
         expected = kalman.predict(state[i], covariance[i], f, q)
         np.testing.assert_allclose(moved[i], expected[0], rtol=1e-9, atol=1e-9)
@@ -101,49 +84,8 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
         np.testing.assert_allclose(left[i], expected[1], rtol=1e-7, atol=1e-6)
 
 
-@motions
-def test_filterpy_does_the_same_one_track_at_a_time(motion):
-    generator = np.random.default_rng(0)
-    state, covariance = some_tracks(motion, 3, generator)
-    peers = []
-    for i in range(3):
-        peer = KalmanFilter(dim_x=state.shape[1], dim_z=2)
-        peer.x, peer.P = state[i].copy(), covariance[i].copy()
-        peers.append(peer)
-    for span in (1.0, 4.0, 1.0):
-        f, q, h, r = matrices(motion, span)
-        positions = state @ h.T + generator.normal(0, 5, (3, 2))
-        choice = generator.permutation(4)[:3]  # 0: missed
-        state, covariance = predict(state, covariance, f, q)
-        missed = state.copy()
-        state, covariance = updated(state, covariance, positions, np.eye(4)[choice], h, r)
-        np.testing.assert_array_equal(state[choice == 0], missed[choice == 0])  # bit by bit
-        for peer, chosen in zip(peers, choice, strict=True):
-            peer.predict(F=f, Q=q)
-            peer.update(positions[chosen - 1] if chosen else None, R=r, H=h)
-    for i, peer in enumerate(peers):
-        np.testing.assert_allclose(state[i], peer.x, rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(covariance[i], peer.P, rtol=1e-7, atol=1e-7)
-
-
-@motions
-def test_covariances_stay_covariances(motion):
-    """Over 60 frames of any weights, with detections up to a million px apart."""
-    generator = np.random.default_rng(1)
-    state, covariance = motion.initial(np.zeros((3, 2)))
-    f, q, h, r = matrices(motion, 2.0)
-    for _ in range(60):
-        state, covariance = predict(state, covariance, f, q)
-        positions = generator.normal(0, 10.0 ** generator.integers(0, 7), (3, 2))
-        weights = generator.dirichlet(np.full(4, 0.3), 3)
-        state, covariance = updated(state, covariance, positions, weights, h, r)
-        np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
-        values = np.linalg.eigvalsh(covariance)
-        assert (values[:, 0] >= -1e-12 * values[:, -1]).all()
-
-
 @settings(max_examples=15)
-@given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), distance=st.floats(0, 6))
+@given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), distance=tenths)
 def test_eq_4_8_pair_by_pair(seed, n, m, distance):
     rng = np.random.default_rng(seed)
     roots = rng.normal(0, 2, (n, 2, 2))
@@ -194,9 +136,3 @@ def test_bad_input_names_the_argument(make, name, bad):
     for value in bad:
         with pytest.raises(InputError, match=name):
             make(**{name: value})
-
-
-def test_a_singular_covariance_is_an_input_error():
-    at = np.zeros((2, 2))
-    with pytest.raises(InputError, match="motion"):
-        Gate()(at, np.stack([np.eye(2), np.ones((2, 2))]), Detected(at))

@@ -1,7 +1,4 @@
-"""The tracking loop on hand-made flights, and the authors' belt."""
-
-import os
-from pathlib import Path
+"""The tracking loop on hand-made flights."""
 
 import numpy as np
 import pandas as pd
@@ -10,7 +7,7 @@ import pytest
 from kilnflight.association import GNN, JPDA, NearestNeighbor
 from kilnflight.checks import InputError
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
-from kilnflight.tracking.tracker import Management, record, steps, track
+from kilnflight.tracking.tracker import Management, record, track
 
 trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
 motions = pytest.mark.parametrize("motion", [ConstantVelocity, ConstantAcceleration])
@@ -60,15 +57,6 @@ def test_tracks_end_that_are_hidden_too_long_or_seen_too_seldom():
         assert not track(seldom, management=management)["particle"].any()
 
 
-def test_a_throw_needs_acceleration_or_noise():
-    time = np.arange(20)
-    table = pd.DataFrame({"frame": time, "row": 5.0 * time + 0.4 * time**2, "col": 9.0 * time})
-    for motion in (ConstantVelocity(), ConstantAcceleration()):
-        assert not track(table, motion=motion)["particle"].any()
-    stiff = ConstantVelocity(acceleration_noise=1e-3, measurement_sd=0.1)
-    assert track(table, motion=stiff)["particle"].any()
-
-
 def test_depth_keeps_two_apart_and_is_the_last_known():
     near = flight((100, 100), (10, 12), z=3000.0, points=40)
     far = flight((100.5, 100), (10, 12), z=6000.0, points=90)
@@ -101,18 +89,6 @@ def test_no_track_is_twice_in_a_frame_whatever_the_place_and_time(associator):
     assert result[~used].groupby("particle")["frame"].min().is_monotonic_increasing
     twice = track(pd.concat([FLIGHT, FLIGHT]), associator)
     assert not twice[twice["particle"] >= 0].duplicated(["frame", "particle"]).any()
-
-
-def test_steps_of_frames():
-    for step in steps(CROSSING):
-        rows, (n, m) = step.detected.rows, step.pairs.distance_squared.shape
-        assert step.weights.shape == (n, 1 + m)
-        assert (CROSSING["frame"].to_numpy()[rows] == step.detected.frame).all()
-        recorded = step.tracks[step.tracks["row"] >= 0]
-        assert sorted(recorded["particle"]) == sorted(step.particle)
-        assert sorted(recorded["row"]) == sorted(rows)
-    result = CROSSING.iloc[rows].assign(particle=step.particle).sort_values("particle")
-    assert (abs(step.pairs.expected - result[["row", "col"]]) < 1.0).all(axis=None)
 
 
 def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
@@ -163,13 +139,6 @@ def test_places_may_be_named_x_and_y(names):
     assert result["particle"].tolist() == track(CROSSING)["particle"].tolist()
 
 
-def test_columns_of_a_csv_with_gaps_are_taken():
-    table = FLIGHT[:3].astype({"frame": float})
-    table["particle"] = pd.array([1, None, -1], dtype="Int64")
-    table["points"] = pd.array([3, None, 4], dtype="Int64")
-    assert track(table)["particle"].tolist() == [0, 0, -1]
-
-
 TABLE = FLIGHT[:3].assign(z=1.0, points=2, particle=0)
 
 
@@ -199,32 +168,3 @@ def test_bad_management_names_the_argument():
     ):
         with pytest.raises(InputError, match=name):
             Management(**{name: bad})
-
-
-def links(table, column):
-    """The pairs of rows that follow each other in a track."""
-    order = np.lexsort((table["frame"], table[column]))
-    same = np.diff(table[column].to_numpy()[order]) == 0
-    return set(zip(order[:-1][same], order[1:][same], strict=True))
-
-
-@motions
-@pytest.mark.parametrize("material", ["Kugeln", "Weizen", "Zylinder"])
-def test_the_links_of_the_authors_are_found(material, motion):
-    """On a belt that runs along the rows with some 85 px per frame. Theirs are no truth."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data" / "belt_recordings"
-    folder = Path(os.environ.get("KILNFLIGHT_RECORDINGS") or beside) / material
-    if not folder.is_dir():
-        pytest.skip(f"the authors' recordings are not in {folder} (not ours to ship)")
-    path = sorted(folder.glob("*[0-9].csv.gz"))[0]
-    history = path.with_name(path.name.replace(".csv.gz", "_trackHistory_NothingDeleted.csv.gz"))
-    places, tracks = (pd.read_csv(each).to_numpy(float)[:150] for each in (path, history))
-    places, tracks = (each.reshape(len(each), -1, 2) for each in (places[:, 2:], tracks))
-    known, (_, truth) = np.isfinite(places[..., 0]), np.nonzero(np.isfinite(tracks[..., 0]))
-    table = pd.DataFrame(places[known], columns=["col", "row"])
-    theirs = pd.DataFrame(tracks[np.isfinite(tracks[..., 0])], columns=["col", "row"])
-    table = table.assign(frame=np.nonzero(known)[0]).merge(theirs.assign(truth=truth), how="left")
-    theirs = links(table, "truth")
-    moving = motion(velocity=(85.0, 0.0), velocity_sd=8.0, measurement_sd=1.0)
-    ours = links(track(table, motion=moving), "particle")
-    assert len(theirs & ours) >= 0.99 * max(len(theirs), len(ours)) > 100

@@ -56,13 +56,6 @@ def test_a_step_along_the_ray_is_cut_if_it_lasts(by):
         assert parts(wrong) == [list(range(30))]
 
 
-def test_scatter_of_the_depth_as_printed_is_no_step():
-    """Table 5.18: RMSE in depth of 219 mm, the largest of the four fractions."""
-    track = flight(count=2000, speed_z=-0.5, x=300.0)
-    scatter = np.random.default_rng(1).normal(0.0, 219.0, len(track))
-    assert parts(on_ray(track, track["z"] + scatter)) == [list(range(2000))]
-
-
 def test_tables_without_cuts_come_back_and_cuts_are_idempotent():
     other = flight(start=3).assign(particle=7)
     blind = flight().assign(x=np.nan, y=np.nan, z=np.nan)
