@@ -6,7 +6,7 @@ from scipy.ndimage import correlate1d
 from tests.definitions.plain_tracklets import make_table
 
 from kilnflight.tracklets import Connection, tracked
-from kilnflight.tracklets.texture import EDGE, LEVEL, level_edge, texture_energy
+from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, level_edge, texture_energy
 
 
 def streak(angle_deg, size=101):
@@ -20,13 +20,13 @@ def streak(angle_deg, size=101):
 @pytest.mark.parametrize("angle", [0.0, 30.0, 45.0, 90.0, 135.0])
 def test_the_energy_is_that_of_scipy_and_shows_a_streak(angle):
     image = streak(angle) + np.random.default_rng(0).random((101, 101))
-    masks = [(LEVEL, EDGE), (EDGE, LEVEL)]
+    masks = [(LAWS_LEVEL, LAWS_EDGE), (LAWS_EDGE, LAWS_LEVEL)]
     both = [correlate1d(correlate1d(image, a, 0, mode="nearest"), b, 1, mode="nearest")
             for a, b in masks]  # fmt: skip
-    found = texture_energy(image, LEVEL, EDGE)
+    found = texture_energy(image, LAWS_LEVEL, LAWS_EDGE)
     assert found == pytest.approx(np.mean(np.abs(both)), rel=1e-9)
-    assert found > 30 * texture_energy(image - streak(angle), LEVEL, EDGE)
-    assert texture_energy(np.full((20, 20), 3.0), LEVEL, EDGE) == 0.0
+    assert found > 30 * texture_energy(image - streak(angle), LAWS_LEVEL, LAWS_EDGE)
+    assert texture_energy(np.full((20, 20), 3.0), LAWS_LEVEL, LAWS_EDGE) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_the_box_and_the_parallelogram(start, end, box, pixels):
     inside = np.zeros(window.shape, bool)
     inside[int(low[0]) : int(high[0]), int(low[1]) : int(high[1])] = True
     assert inside.sum() == pixels
-    assert found == pytest.approx(texture_energy(window, LEVEL, EDGE, inside))
+    assert found == pytest.approx(texture_energy(window, LAWS_LEVEL, LAWS_EDGE, inside))
 
 
 def test_the_streak_decides_which_tracklets_are_connected():

@@ -18,13 +18,13 @@ from kilnflight.experiments.tracking_scores import GATE_PX, MEAN, MEASURES, diff
 from kilnflight.scores import score_tracks
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining, hungarian
-from kilnflight.tracklets.texture import EDGE, LEVEL, texture_energy
+from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 
 BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
 SPAN = 11  # frames that such a box sums
 HUNGARIAN = "Hungarian - dual nearest"
 Array = npt.NDArray[np.float64]
-MASKS = {"L": LEVEL, "E": EDGE, "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0])}  # Eq. 4.25
+MASKS = {"L": LAWS_LEVEL, "E": LAWS_EDGE, "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0])}  # Eq. 4.25
 MASKS |= {"W": np.array([-1.0, 2.0, 0.0, -2.0, 1.0]), "R": np.array([1.0, -4.0, 6.0, -4.0, 1.0])}
 
 

@@ -18,7 +18,7 @@ from kilnflight.tracklets.paths import Paths, PathStep, read_paths, turns, veloc
 # Limits of `Cutting`, ours.
 ACROSS_MM = 56.0  # three RMSE across, 18.77 mm (Table 5.18)
 DEPTH_MM = 657.0  # three RMSE in depth, 219 mm (Table 5.18)
-LEAST = 3  # detections of a part: more than D_eps of Table 5.16
+LEAST_PART = 3  # detections of a part: more than D_eps of Table 5.16
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Cutting:
     and ours. Places scatter by their RMSE (Table 5.18). An error of the depth moves a place along
     its line of sight (sec. 4.1.2), so steps are judged across it and along it. Across: from each
     detection to the next, in directions compared at the nearer of both depths. Along: from each of
-    `LEAST` detections to each of the `LEAST` that follow, all in one direction. So a wrong depth
+    `LEAST_PART` detections to each of as many that follow, all in one direction. So a wrong depth
     that comes back soon counts as scatter; one that lasts is another particle's or the wall's.
     Detections without depth are not judged; they stay with those before them.
     """
@@ -89,7 +89,7 @@ class Cutting:
     fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
 
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
-        """Return the table with a track for each part of `LEAST` detections or more.
+        """Return the table with a track for each part of `LEAST_PART` detections or more.
 
         A table without places in space is returned as it is.
 
@@ -111,7 +111,7 @@ class Cutting:
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
-        long = np.bincount(names)[names] >= LEAST
+        long = np.bincount(names)[names] >= LEAST_PART
         return write_paths(tracks, paths.grouped(np.where(long, names, -1)))
 
     def _across(self, time: Array, place: Array) -> Flags:
@@ -124,10 +124,10 @@ class Cutting:
     def _along(self, time: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) along the line of sight are impossible and last."""
         steps = np.zeros(len(depth) - 1, dtype=np.bool_)
-        if len(depth) >= 2 * LEAST:
-            around = sliding_window_view(np.stack([time, depth]), 2 * LEAST, axis=1)
-            flown, step = around[:, :, None, LEAST:] - around[:, :, :LEAST, None]
+        if len(depth) >= 2 * LEAST_PART:
+            around = sliding_window_view(np.stack([time, depth]), 2 * LEAST_PART, axis=1)
+            flown, step = around[:, :, None, LEAST_PART:] - around[:, :, :LEAST_PART, None]
             limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
             far = [(way > limit).all(axis=(1, 2)) for way in (step, -step)]
-            steps[LEAST - 1 : len(depth) - LEAST] = np.logical_or(*far)
+            steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = np.logical_or(*far)
         return steps

@@ -12,8 +12,8 @@ import numpy as np
 
 from kilnflight.arrays import Array
 
-LEVEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])  # Eq. 4.25, thesis
-EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
+LAWS_LEVEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])  # Eq. 4.25, thesis
+LAWS_EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
 
 
 def texture_energy(window: Array, first: Array, second: Array, inside: Any = ...) -> float:
@@ -89,7 +89,7 @@ def level_edge(
     # Rounded, so that a connection shorter than a pixel still has a line of pixels.
     within = (along >= np.floor(first + 0.5)) & (along <= np.floor(last + 0.5))
     inside = within[:, None] & (np.abs(across - centre[:, None]) <= half_width)
-    return texture_energy(image, LEVEL, EDGE, inside if lying == 0 else inside.T)
+    return texture_energy(image, LAWS_LEVEL, LAWS_EDGE, inside if lying == 0 else inside.T)
 
 
 def window_corners(start: Array, end: Array, half_width: float = 15.0) -> Array:
