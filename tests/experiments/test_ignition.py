@@ -6,7 +6,7 @@ import pytest
 
 from kilnflight.experiments import ignition
 from kilnflight.flight import kept
-from kilnflight.recording.frames import ArrayRecording, Attributes
+from kilnflight.recording.files import open_any
 from kilnflight.tables import FLIGHTS
 
 FRAMES = np.arange(20)
@@ -64,7 +64,7 @@ def test_the_optical_picture_keeps_the_greatest_difference_light_or_dark():
     images[3, 5, 7] = 400  # a silhouette
     images[20, 5, 7] = 1100  # less
     images[150, 9, 9] = 5000  # a flame
-    recording = ArrayRecording(Attributes("array", 100.0, 24, 32), images)
+    recording = open_any(images, frame_rate_hz=100.0)
     total = ignition.optical_picture(recording, range(200))
     assert (total[5, 7], total[9, 9]) == (700, 5000)
     rest = np.delete(total.ravel(), [5 * 32 + 7, 9 * 32 + 9])

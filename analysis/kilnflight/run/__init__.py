@@ -9,10 +9,10 @@ steps in Python, and also names of `kilnflight` itself.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from skimage.util import view_as_blocks
 
 from kilnflight import kiln, tracking
 from kilnflight.association import GNN, Associator
-from kilnflight.checks import InputError, check_positive, check_shape
+from kilnflight.checks import InputError, check_positive
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.sift import LAYERS, SIGMA_PX
@@ -32,10 +32,9 @@ from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
 from kilnflight.project.cache import clear_parts, locked, write_resumable
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import ArrayRecording, Attributes, Recording, calibrated_cloud
-from kilnflight.recording.importing import read_manifest
-from kilnflight.recording.store import StoredRecording, open_recording
-from kilnflight.recording.summary import aligned
+from kilnflight.recording.files import Channel, open_any
+from kilnflight.recording.frames import Recording, calibrated_cloud
+from kilnflight.recording.store import StoredRecording, aligned
 from kilnflight.run.lance import place_in_picture
 from kilnflight.run.report import Results, Row, collect, listed, page, plot_tracks, summary
 from kilnflight.tracklets import Cutting, postprocess
@@ -101,35 +100,17 @@ class Options:
                 check_positive(getattr(self, name), name)
 
 
-def open(
-    source: str | os.PathLike[str] | npt.NDArray[np.uint16], frame_rate_hz: float = 1.0
-) -> Recording:
+def open(source: Any, frame_rate_hz: float | None = None, channel: Channel = None) -> Recording:
     """Open a recording of any kind for `detect` and `plot_tracks`.
 
-    Parameters
-    ----------
-    source
-        A folder that `kilnflight import` or `kilnflight export` wrote, the manifest (TOML) of
-        files that other programs wrote, or grey values (n, rows, cols), uint16.
-    frame_rate_hz
-        Of an array; the others know theirs.
-
-    Raises
-    ------
-    InputError
-        If there is no recording, it is damaged, or the array has another type or shape.
+    Parameters and errors are those of `kilnflight.recording.files.open_any`.
 
     Examples
     --------
     >>> len(open(np.zeros((3, 24, 32), np.uint16)))
     3
     """
-    if isinstance(source, str | os.PathLike):
-        path = Path(source)
-        return read_manifest(path) if path.suffix == ".toml" else open_recording(path)
-    images = np.asarray(source)
-    check_shape(images, (None, None, None), "open: array (frame, row, col)")
-    return ArrayRecording(Attributes("array", frame_rate_hz, *images.shape[1:]), images)
+    return open_any(source, channel=channel, frame_rate_hz=frame_rate_hz)
 
 
 def detect(

@@ -1,0 +1,242 @@
+"""Small files of every kind that is opened, whole, cut and damaged."""
+
+import re
+from contextlib import suppress
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from kilnflight.checks import InputError
+from kilnflight.recording.files import import_recording, open_any
+from kilnflight.recording.store import open_recording
+
+FILM = np.random.default_rng(1).integers(0, 200, (5, 24, 32), dtype=np.uint8)
+WIDE = FILM.astype(np.uint16) * 300
+
+
+def film(path, frames=FILM, codec="FFV1", rate=25.0):
+    size, colour = frames.shape[2:0:-1], frames.ndim == 4
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate, size, colour)
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+
+
+def pictures(folder, ending, frames, end=""):
+    folder.mkdir()
+    for number, frame in enumerate(frames, start=8):
+        cv2.imwrite(str(folder / f"2_{number:04d}{end}.{ending}"), frame)
+
+
+def stack(path, frames=WIDE, **more):
+    tifffile.imwrite(path, frames, **more)
+
+
+def hdf5(path, **arrays):
+    with h5py.File(path, "w") as file:
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, compression="gzip")
+
+
+def separate_pages(path):
+    with tifffile.TiffWriter(path) as writer:
+        for frame in WIDE:
+            writer.write(frame, contiguous=False)
+
+
+LZW = [cv2.IMWRITE_TIFF_COMPRESSION, 5]
+TWO = np.stack([WIDE * 0 + 7, WIDE], axis=1)
+COLOURED = np.stack([FILM // 4, FILM // 2, FILM], axis=-1)  # as OpenCV has it: blue, green, red
+KINDS = {
+    "film.avi": (film, FILM),
+    "film.mp4": (lambda path: film(path, np.tile(FILM[:, :1, :1], (24, 32)), "mp4v"), None),
+    "stack.tif": (stack, WIDE),
+    "motorola.tif": (lambda path: stack(path, byteorder=">"), WIDE),
+    "zip.tif": (lambda path: stack(path, compression="zlib"), WIDE),
+    "pages.tif": (lambda path: stack(path, metadata=None), WIDE),
+    "separate.tif": (separate_pages, WIDE),
+    "lzw.tif": (lambda path: cv2.imwritemulti(str(path), list(WIDE), LZW), WIDE),
+    "imagej.tif": (lambda path: stack(path, imagej=True, metadata={"axes": "TYX"}), WIDE),
+    "s.ome.tif": (lambda path: stack(path, metadata={"axes": "TYX"}), WIDE),
+    "rgb.tif": (lambda path: stack(path, COLOURED[..., ::-1], photometric="rgb"), FILM),
+    "one.tif": (lambda path: stack(path, WIDE[0]), WIDE[:1]),
+    "one.png": (lambda path: cv2.imwrite(str(path), WIDE[0]), WIDE[:1]),
+    "folder8": (lambda path: pictures(path, "png", FILM), FILM),
+    "folder16": (lambda path: pictures(path, "tiff", WIDE), WIDE),
+    "colours": (lambda path: pictures(path, "png", COLOURED), FILM),
+    "jpeg": (lambda path: pictures(path, "jpg", FILM // 200 + 90), FILM // 200 + 90),
+    "a.npy": (lambda path: np.save(path, WIDE), WIDE),
+    "fortran.npy": (lambda path: np.save(path, np.asfortranarray(WIDE)), WIDE),
+    "float.npy": (lambda path: np.save(path, WIDE.astype(np.float32)), WIDE),
+    "colour.npy": (lambda path: np.save(path, COLOURED[..., ::-1]), FILM),
+    "a.npz": (lambda path: np.savez_compressed(path, film=WIDE), WIDE),
+    "a.mat": (lambda path: scipy.io.savemat(path, {"film": WIDE}), WIDE),
+    "b.mat": (lambda path: hdf5(path, film=WIDE.T), WIDE),  # v7.3: MATLAB's order of axes
+    "a.h5": (lambda path: hdf5(path, film=WIDE), WIDE),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_is_opened(name, tmp_path):
+    make, expected = KINDS[name]
+    make(tmp_path / name)
+    recording = open_any(tmp_path / name)
+    expected = np.tile(FILM[:, :1, :1], (24, 32)) if expected is None else expected
+    assert len(recording) == len(expected)
+    assert recording.attributes.size == (24, 32)
+    assert recording.attributes.frame_rate_hz == (25.0 if name.startswith("film") else 1.0)
+    for t in (*range(len(expected)), 0):  # back to the start, too
+        frame = recording.frame(t)
+        assert frame.gray.dtype == np.uint16
+        assert frame.gray.flags.c_contiguous
+        tolerance = 3 if name == "film.mp4" else 0
+        np.testing.assert_allclose(frame.gray, expected[t], atol=tolerance)
+    assert recording.content() == open_any(str(tmp_path / name)).content()
+    coloured = name in ("rgb.tif", "colours", "colour.npy")
+    assert ("channel red" in str(recording.attributes.notes)) == coloured
+
+
+class Lazy:
+    def __len__(self):
+        return len(FILM)
+
+    def __getitem__(self, t):
+        return FILM[t].tolist()
+
+
+@pytest.mark.parametrize("film", [FILM, list(FILM), np.asfortranarray(FILM), Lazy()])
+def test_arrays_and_anything_indexed_are_opened(film):
+    recording = open_any(film, frame_rate_hz=50.0)
+    assert recording.attributes.frame_rate_hz == 50.0
+    np.testing.assert_array_equal([recording.gray(t) for t in range(5)], FILM)
+    assert recording.content() == open_any(FILM, frame_rate_hz=50.0).content()
+    assert recording.frame(2).time_s == 0.04
+
+
+def test_a_named_channel(tmp_path):
+    pictures(tmp_path / "p", "png", np.concatenate([COLOURED, COLOURED[..., :1]], axis=-1))  # alpha
+    stack(tmp_path / "two.tif", TWO, imagej=True, metadata={"axes": "TCYX"})
+    for source, channel, expected in [
+        (tmp_path / "p", "green", FILM // 2),
+        (tmp_path / "p", 2, FILM // 4),
+        (tmp_path / "two.tif", 1, WIDE),
+        (COLOURED[..., ::-1], "blue", FILM // 4),
+    ]:
+        recording = open_any(source, channel=channel)
+        np.testing.assert_array_equal(recording.gray(3), expected[3])
+        assert recording.attributes.notes == ()
+        with pytest.raises(InputError, match="channel"):
+            open_any(source, channel="violet")
+
+
+@given(
+    hnp.arrays(
+        st.sampled_from([np.float32, np.float64, np.int32, np.int64, np.int16]),
+        (3, 4, 5),
+        elements=st.integers(-9000, 9000),
+    ),
+    st.sampled_from([1.0, 0.25, 16.0]),
+)
+@settings(max_examples=15)
+def test_whole_gray_values_stay_and_others_are_scaled(values, unit):
+    values = values * unit if values.dtype.kind == "f" else values
+    recording = open_any(values)
+    gray = np.stack([recording.gray(t) for t in range(3)]).astype(float)
+    low, high = values.min(), values.max()
+    if low >= 0 and high <= 65535 and (values == np.rint(values)).all():
+        np.testing.assert_array_equal(gray, values)
+        assert recording.attributes.notes == ()
+    else:
+        scale = 65535 / ((float(high) - low) or 1)
+        np.testing.assert_allclose(gray, (values.astype(float) - low) * scale, atol=0.51)
+        assert f"{low:g} to {high:g}" in recording.attributes.notes[0]
+
+
+@pytest.mark.parametrize("pattern", ["a_*.png", "a_{frame}*.png", "?_{frame:04d}_8bit.png"])
+def test_gaps_in_numbers_are_frames_that_are_not_there(pattern, tmp_path):
+    last = 20_000_000_000_000  # a stray time stamp
+    for number, frame in zip((3, 4, 9, last), FILM, strict=False):
+        name = f"a_{number:04d}" + ("_8bit" if "{" in pattern else "")
+        cv2.imwrite(str(tmp_path / f"{name}.png"), frame)
+    recording = open_any(tmp_path / pattern, frame_rate_hz=10.0)
+    assert [recording.frame(t).index for t in range(4)] == [3, 4, 9, last]
+    assert recording.frame(2).time_s == 0.6
+    np.testing.assert_array_equal(recording.gray(2), FILM[2])
+    assert recording.attributes.notes == (f"{last - 6} of the frames 3 to {last} are missing",)
+    facts = import_recording(tmp_path / pattern, tmp_path / "o.zarr")
+    assert recording.attributes.notes[0] in facts["value"].tolist()
+    stored = open_recording(tmp_path / "o.zarr")
+    assert stored.frame(3).index == last
+    assert stored.attributes.notes == recording.attributes.notes
+
+
+def cut(path, share=0.6):
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+
+
+BAD = {
+    "empty": lambda path: path.mkdir(),
+    "none/*.png": lambda path: None,
+    "gone.tif": lambda path: None,
+    "text.png": lambda path: path.write_bytes(b""),
+    "text.tif": lambda path: path.write_text("no picture"),
+    "text.avi": lambda path: path.write_text("no film"),
+    "text.xyz": lambda path: path.write_text("nothing"),
+    "z.tif": lambda path: stack(path, imagej=True, metadata={"axes": "ZYX"}),
+    "channels.ome.tif": lambda path: stack(path, TWO, metadata={"axes": "TCYX"}),
+    "no_number": lambda path: (path.mkdir(), cv2.imwrite(str(path / "a.png"), FILM[0])),
+    "both_8bit": lambda path: pictures(path, "png", FILM, "_8bit"),
+    "stacks": lambda path: (path.mkdir(), stack(path / "1.tif"), stack(path / "2.tif")),
+    "two.npz": lambda path: np.savez(path, a=FILM, b=FILM),
+    "objects.npy": lambda path: np.save(path, np.array([{}, 1], object)),
+    "flat.npy": lambda path: np.save(path, FILM[0]),
+    "nothing.npy": lambda path: np.save(path, FILM[:0]),
+    "text.npy": lambda path: np.save(path, np.full((3, 4, 5), "a")),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_opened_is_one_error_with_its_path(name, tmp_path):
+    BAD[name](tmp_path / name)
+    with pytest.raises(InputError, match=re.escape(name.split(".", maxsplit=1)[0])) as error:
+        open_any(tmp_path / name)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", [name for name in KINDS if "." in name and "film" not in name])
+def test_a_file_that_is_cut_or_overwritten_is_no_film_of_fewer_frames(name, tmp_path):
+    path = tmp_path / name
+    for share in (0.02, 0.3, 0.97):
+        KINDS[name][0](path)
+        cut(path, share)
+        with suppress(InputError):  # of TIFF the table of pages may be lost, but no page
+            found = open_any(path)
+            np.testing.assert_array_equal([found.gray(t) for t in range(5)], KINDS[name][1])
+        content = np.random.default_rng(3).integers(0, 256, path.stat().st_size, dtype=np.uint8)
+        path.write_bytes(content.tobytes())
+        with pytest.raises(InputError, match=re.escape(name)):
+            open_any(path)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [3, None, FILM[0], [], np.full((2, 3, 4), np.nan), np.array(["a"]), FILM[None, None]],
+    ids=lambda source: type(source).__name__,
+)
+def test_what_is_no_film_in_memory_is_refused(source):
+    with pytest.raises(InputError, match=r"source|recording array"):
+        open_any(source)
+
+
+def test_a_frame_of_another_size_or_a_mask_is_named():
+    recording = open_any([FILM[0], FILM[1, 1:], np.ma.masked_array(FILM[2], FILM[2] > 9)])
+    for t in (1, 2, 3):
+        with pytest.raises(InputError, match=f"frame {t}"):
+            recording.gray(t)
