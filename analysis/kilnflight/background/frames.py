@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.arrays import Index
 from kilnflight.checks import InputError, check_finite
 
 GRAY_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
@@ -59,7 +58,7 @@ def surrounding(index: int, window: int, length: int) -> range:
 
 
 class HeldFrames:
-    """Copies of the frames in use, each read from its stack once.
+    """Frames in use, each read from its stack once; arrays that may change are copied.
 
     Parameters
     ----------
@@ -72,30 +71,28 @@ class HeldFrames:
     def __init__(self, frames: Frames, capacity: int) -> None:
         self.length = len(frames)
         self.shape: tuple[int, ...] = (0, 0)
-        self.pixels: npt.NDArray[Any] = np.empty((min(capacity, self.length), 0))  # (slots, px)
-        self._frames = frames
-        self._slots: dict[int, int] = {}  # by frame number
+        self.kind: np.dtype[Any] = np.dtype(np.uint16)
+        self._frames, self._capacity = frames, capacity
+        self._images: dict[int, npt.NDArray[Any]] = {}  # by frame number
 
     @property
     def precise(self) -> np.dtype[Any]:
         """Return the float type that holds every grey value exactly."""
-        return np.result_type(self.pixels.dtype, np.float32)
+        return np.result_type(self.kind, np.float32)
 
-    def fetch(self, indices: Sequence[int]) -> Index:
-        """Return the rows of `pixels` with these frames; read missing ones."""
+    def fetch(self, indices: Sequence[int]) -> None:
+        """Read these frames unless they are held."""
         low, high = min(indices), max(indices)
         for index in indices:
-            if index not in self._slots:
-                image, slot = self._read(index), len(self._slots)
-                if slot == len(self.pixels):
-                    others = (other for other in self._slots if other not in indices)
-                    slot = self._slots.pop(max(others, key=lambda t: max(low - t, t - high)))
-                self._slots[index], self.pixels[slot] = slot, image.ravel()
-        return np.array([self._slots[index] for index in indices], dtype=np.intp)
+            if index not in self._images:
+                if len(self._images) == self._capacity:
+                    others = (other for other in self._images if other not in indices)
+                    del self._images[max(others, key=lambda t: max(low - t, t - high))]
+                self._images[index] = self._read(index)
 
     def __getitem__(self, index: int) -> npt.NDArray[Any]:
         """Return a held frame, (rows, cols)."""
-        return self.pixels[self._slots[index]].reshape(self.shape)
+        return self._images[index]
 
     def _read(self, index: int) -> npt.NDArray[Any]:
         image = np.asarray(self._frames[index])
@@ -105,13 +102,14 @@ class HeldFrames:
                 f"frame {index}: {kind} of shape {image.shape}, expected one gray channel (rows, "
                 "cols) of integers up to 32 bit, float32 or float64. Convert it."
             )
-        if not self._slots:  # memory is used as slots are filled
-            self.shape, self.pixels = image.shape, np.empty((len(self.pixels), image.size), kind)
-        if image.shape != self.shape or kind != self.pixels.dtype:
+        if not self._images:
+            self.shape, self.kind = image.shape, kind
+        if image.shape != self.shape or kind != self.kind:
             raise InputError(
-                f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._slots)} is "
-                f"{self.pixels.dtype} of shape {self.shape}. Split the stack where it changes."
+                f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._images)} is "
+                f"{self.kind} of shape {self.shape}. Split the stack where it changes."
             )
         if kind.kind == "f":
             check_finite(image, f"frame {index}")
-        return image
+        # copied only where needed: the caller may hold read-only frames, too
+        return np.array(image, kind, order="C", copy=True if image.flags.writeable else None)

@@ -24,6 +24,7 @@ from kilnflight.background.frames import HeldFrames, surrounding
 
 Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
 MEDIAN_CHUNK = 32  # frames; longer saves little time and holds one more frame each
+_BAND = 32_768  # pixels of all frames that are copied side by side
 _TILE = 2048  # pixels; some 125 slots of 16 bit fill a second-level cache of 512 KiB
 _LOAD, _COMPARE, _EMIT = range(3)
 _Step = tuple[int, int, int, int]  # two values, their minimum and maximum (or `_UNUSED`)
@@ -192,8 +193,11 @@ def _middle(ranks: Any, frame: Any, out: Any) -> None:
 
 
 @njit(cache=True)
-def _execute(table: Any, scratch: Any, pixels: Any, slots: Any, frames: Any, out: Any) -> None:
-    """Run the program tile by tile; ``slots`` and ``frames`` are rows of ``pixels``."""
+def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any) -> None:
+    """Run the program tile by tile on a band of pixels, which begins at ``start``.
+
+    ``frames`` are rows of ``pixels``.
+    """
     tile = scratch.shape[1]
     for first in range(0, pixels.shape[1], tile):
         last = min(first + tile, pixels.shape[1])
@@ -202,10 +206,10 @@ def _execute(table: Any, scratch: Any, pixels: Any, slots: Any, frames: Any, out
             if kind == _COMPARE:
                 _compare(scratch[a], scratch[b], scratch[c], scratch[d])
             elif kind == _LOAD:
-                _copy(pixels[slots[a], first:last], scratch[b])
+                _copy(pixels[a, first:last], scratch[b])
             else:
                 ranks = (scratch[b], scratch[c], scratch[d], scratch[table[step, 5]])
-                _middle(ranks, pixels[frames[a], first:last], out[a, first:last])
+                _middle(ranks, pixels[frames[a], first:last], out[a, start + first : start + last])
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
@@ -235,18 +239,21 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
     for chunk in _chunks(indices, window, held.length):
         windows = [surrounding(index, window, held.length) for index in chunk]
         first = min(around.start for around in windows)
-        slots = held.fetch(range(first, max(around.stop for around in windows)))
-        frames = held.fetch(chunk)
+        needed = range(first, max(around.stop for around in windows))
+        held.fetch(needed)
         if not out.size:
-            out = np.empty((min(MEDIAN_CHUNK, len(indices)), held.pixels.shape[1]), held.precise)
+            out = np.empty((min(MEDIAN_CHUNK, len(indices)), held[first].size), held.precise)
+        frames = np.array(chunk) - first
         if others := len(windows[0]) - 1:
             low, high = (others - 1) // 2, others // 2
             ranks = (low, low + 1, high, high + 1)
             table = _program(others + 1, ranks, tuple(w.start - first for w in windows))
-            scratch = np.zeros((table.max() + 2, min(_TILE, out.shape[1])), held.pixels.dtype)
-            _execute(table, scratch, held.pixels, slots, frames, out)
+            scratch = np.zeros((table.max() + 2, min(_TILE, out.shape[1])), held.kind)
+            for start in range(0, out.shape[1], _BAND):
+                band = np.stack([held[t].ravel()[start : start + _BAND] for t in needed])
+                _execute(table, scratch, band, frames, out, start)
         else:
-            out[: len(chunk)] = held.pixels[frames]
+            out[: len(chunk)] = [held[t].ravel() for t in chunk]
         for index, background in zip(chunk, out, strict=False):
             yield index, background.reshape(held.shape)
 
