@@ -74,7 +74,7 @@ def rows() -> list[Row]:
     np.testing.assert_array_equal(ours, plain)
     keypoints, labels = DoG(THRESHOLD)(view.foreground), both_passes(view.xyz)
     pd.testing.assert_frame_equal(
-        kiln.detect(recording, [t], detector),
+        kiln.detect_frames(recording, [t], detector),
         detector.decide(view, keypoints, labels, roi, t),
     )
     bytes_8 = np.rint(view.foreground / 257).astype(np.uint8)
@@ -88,7 +88,9 @@ def rows() -> list[Row]:
         both_passes(view.xyz)
 
     what = ("combined detection, one frame", "frames", 1, "numpy, OpenCV and scikit-learn")
-    row = compare(what, lambda: kiln.detect(recording, wanted, detector), assembly, repeats=2)
+    row = compare(
+        what, lambda: kiln.detect_frames(recording, wanted, detector), assembly, repeats=2
+    )
     cv2.setNumThreads(threads)
     each = row.ours_s / len(wanted)
     return [row._replace(ours_s=each, ratio=row.peer_s / each)]

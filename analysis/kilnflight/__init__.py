@@ -41,11 +41,11 @@ import importlib
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["detect", "open", "plot_tracks", "track"]
+NAMES = {"open": "open_any", "track": "track_detections"}  # in `kilnflight.run`
 
 
 def __getattr__(name: str) -> Any:
     """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
-    if name in __all__:
-        return getattr(importlib.import_module("kilnflight.run"), name)
+    if name in ("detect", "open", "plot_tracks", "track"):
+        return getattr(importlib.import_module("kilnflight.run"), NAMES.get(name, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -85,7 +85,7 @@ def _track(options: argparse.Namespace) -> None:
     if options.format == "csv":
         is_parquet(options.tracks)
     detections = read_table(options.detections)
-    tracks = run.track(detections, JPDA() if options.jpda else GNN(), options.raw)
+    tracks = run.track_detections(detections, JPDA() if options.jpda else GNN(), options.raw)
     write_table(tracks, options.tracks, options.format)
     linked = tracked(tracks)
     counts = f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)}"
@@ -100,7 +100,7 @@ def _run(options: argparse.Namespace) -> None:
     rules = options.in_air, options.bright, options.above_background, options.air
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
     settings = run.Options(options.threshold, lance, *rules)
-    run.run(Path(options.recording), options.to, settings, workers)
+    run.run_recording(Path(options.recording), options.to, settings, workers)
 
 
 def _frames(text: str, length: int) -> range:

@@ -1,30 +1,29 @@
-"""The whole way from a frame to a flight; it is written out only here.
+"""From frames to flights: the whole chain of steps, with cached tables.
 
 frame -> view -> detections -> tracks -> trajectories -> flights, slices
 
-Each arrow is a table that is made once and cached. Detection, which takes nearly all of the
-time, is done in chunks of frames by processes or a cluster. A killed run goes on with the
-first table that is missing. The tracks are made without the texture term of Eq. 4.24: its
-frame differences would take 2.8 MB a frame, 68 GB for eight campaigns.
+Each arrow after the view is a table that is made once. Detection takes nearly all of the time;
+processes or a cluster share it by chunks of frames. A killed run continues with the first missing
+table. Tracks are made without the texture term of Eq. 4.24: it needs the frame differences, some
+3 MB a frame.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Protocol
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-import zarr
 from tqdm import tqdm
-from zarr.codecs import ZstdCodec
 
 from kilnflight import flight, regression
+from kilnflight.arrays import Array
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.sliding_median import stack_median
@@ -35,61 +34,34 @@ from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths
-from kilnflight.project.cache import CachedTable, clear_parts, make_whole
+from kilnflight.project.cache import CachedTable, cached
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Frame, Recording
-from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import Cutting, postprocess, tracked
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import cached_scene
 
-CHUNK = 100  # frames; every chunk reads the median's window, 150 frames, anew
-LONG_CHUNK = 500  # frames, where no differences are stored: the window costs less
-TILE = (384, 512)  # of a stored difference, so that a small box is read fast
-BACKGROUND_FRAMES = 21  # in the median picture that stands for the background; ours
-
-Vector = tuple[float, float, float]
-Names = tuple[str, ...]
+CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
+EMPTY_FRAMES = 21  # whose median is the kiln without particles; ours
+KILN_STEPS = ("tracks", "trajectories", "flights", "slices")  # tables after the detections
+Vector = tuple[float, float, float]  # x, y, z in mm
 
 
-@dataclass(frozen=True)
-class TwinSource:
-    """A scene of the twin by name and seed, opened once per process."""
+class Source(Protocol):
+    """A recording by name, opened by each process for itself.
 
-    name: str
-    seed: int = 0
+    Equal sources have an equal ``repr``; names of files depend on it.
+    """
 
-    @lru_cache(maxsize=2)  # noqa: B019  of equal sources
-    def recording(self) -> Twin:
-        """Return the twin; its flights are computed once per process."""
-        return cached_scene(self.name, self.seed)
+    def __hash__(self) -> int: ...
 
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
 
-@dataclass(frozen=True)
-class StoredSource:
-    """A recording on disk, known by its content and not by its place."""
-
-    name: str
-    content: str  # of `StoredRecording.content`
-    folder: Path = field(repr=False)
-
-    @lru_cache(maxsize=2)  # noqa: B019  of equal sources
-    def recording(self) -> StoredRecording:
+    def recording(self) -> Recording:
         """Return the recording."""
-        return open_recording(self.folder)
-
-
-Source = TwinSource | StoredSource
-
-
-def stored_source(folder: Path | str) -> StoredSource:
-    """Return the source of a recording; errors as of `open_recording`."""
-    recording = open_recording(folder)
-    name, folder = recording.attributes.name, recording.path.resolve()
-    return StoredSource(name, recording.content(), folder)
 
 
 class FrameBuffer:
@@ -115,7 +87,10 @@ class FrameBuffer:
 
     def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
         """Return the grey values (rows, cols) of frame ``t``."""
-        return self._fetch(t).gray if self._uses[t] else self._recording.gray(t)
+        gray = self._fetch(t).gray if self._uses[t] else self._recording.gray(t)
+        view = gray.view()
+        view.flags.writeable = False  # so a background model may hold it without a copy
+        return view
 
     def take(self, t: int) -> Frame:
         """Return frame ``t``, and release it after its last use."""
@@ -127,10 +102,7 @@ class FrameBuffer:
 
     def _fetch(self, t: int) -> Frame:
         if t not in self._held:
-            frame = self._recording.frame(t)
-            gray = frame.gray.view()
-            gray.flags.writeable = False  # models may hold it without a copy
-            self._held[t] = replace(frame, gray=gray, labels=None)
+            self._held[t] = replace(self._recording.frame(t), labels=None)
         return self._held[t]
 
 
@@ -157,36 +129,18 @@ def views(
         yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth)
 
 
-def detect(
+def detect_frames(
     recording: Recording,
     frames: Sequence[int],
     detector: Combination | None = None,
     background: BackgroundModel | None = None,
-    differences: Path | None = None,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Return the detections of the combined detector.
-
-    The table is `kilnflight.tables.DETECTIONS`. The roots of the foregrounds are stored in the
-    Zarr array ``differences``, if there is one.
-    """
-    detector = detector or Combination()
-    size, roi, parts, store = recording.attributes.size, recording.attributes.roi, [], None
-    if differences is not None:
-        tile = [min(sides) for sides in zip(TILE, size, strict=True)]
-        store = zarr.create_array(
-            differences,
-            shape=(len(frames), *size),
-            chunks=(1, *tile),
-            dtype="uint8",
-            compressors=ZstdCodec(level=1),
-        )
-    frame_views = views(recording, frames, background)
-    bar = tqdm(frame_views, total=len(frames), unit="frame", disable=None if progress else True)
-    for k, (t, view) in enumerate(bar):
-        if store is not None:
-            store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
-        parts.append(detector(view, roi, frame=t))
+    """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`)."""
+    detector, roi = detector or Combination(), recording.attributes.roi
+    seen, hidden = views(recording, frames, background), None if progress else True
+    bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
+    parts = [detector(view, roi, frame=t) for t, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
@@ -197,17 +151,15 @@ class DetectionRun:
     Parameters
     ----------
     source
-        Of the recording.
+        The recording.
     start, stop
         First frame, and the one after the last.
     detector, background
-        The combined detector, and what is subtracted before.
+        Combined detector and background model.
     chunk
-        Frames that are worked on at once.
-    differences
-        Whether differences to the background are stored beside: 2.8 MB a frame.
+        Frames per table.
     folder
-        Of all tables; data/derived if None.
+        Folder of all tables; data/derived by default.
     """
 
     source: Source
@@ -215,13 +167,12 @@ class DetectionRun:
     stop: int
     detector: Combination
     background: BackgroundModel = field(default_factory=Median)
-    chunk: int = CHUNK
-    differences: bool = True
-    folder: Path | None = None
+    chunk: int = CHUNK_FRAMES
+    folder: Path = field(default_factory=lambda: paths.derived().absolute())
 
     @property
     def chunks(self) -> list[range]:
-        """Return the frames in pieces of ``chunk``, cut at its multiples."""
+        """Frames of each table: ranges cut at multiples of ``chunk``."""
         first = self.start // self.chunk * self.chunk
         ends = range(first, self.stop, self.chunk)
         pieces = [range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends]
@@ -229,114 +180,39 @@ class DetectionRun:
 
     def table(self, frames: range) -> CachedTable:
         """Return the table of a chunk's detections."""
-        return CachedTable(
-            "detections",
-            partial(_detect_chunk, self, frames),
-            {
-                "source": self.source,
-                "frames": [frames.start, frames.stop],
-                "detector": self.detector,
-                "background": self.background,
-            },
-            self.folder,
-            whole=partial(self.has_differences, frames),
-        )
+        names = ("source", "detector", "background")
+        depends_on = {name: getattr(self, name) for name in names} | {"frames": frames}
+        return CachedTable("detections", partial(self._detect, frames), depends_on, self.folder)
 
-    def differences_of(self, frames: range) -> Path:
-        """Return the path of a chunk's frame differences."""
-        path = self.table(frames).path
-        return path.with_name(path.name.replace("detections", "differences")).with_suffix(".zarr")
-
-    def has_differences(self, frames: range) -> bool:
-        """Return whether a chunk has its differences or needs none."""
-        return not self.differences or self.differences_of(frames).is_dir()
+    def _detect(self, frames: range) -> pd.DataFrame:
+        return detect_frames(self.source.recording(), frames, self.detector, self.background)
 
     def detections(self) -> pd.DataFrame:
-        """Return all detections; missing ones are made in this process."""
+        """Return all detections; this process makes missing ones."""
         parts = [self.table(frames)() for frames in self.chunks]
         return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
-
-
-def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
-    """Return the detections of a chunk, after storing its differences."""
-    cv2.setNumThreads(1)
-    find = partial(detect, run.source.recording(), frames, run.detector, run.background)
-    if not run.differences:
-        return find()
-    path, tables = run.differences_of(frames), []
-    clear_parts(path)
-    make_whole(path, lambda part: tables.append(find(differences=part)))
-    return tables[0]
-
-
-def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFrame:
-    """Detect in a recording and return its detections; errors as of `detect_all`."""
-    detect_all([run], workers, f"detection in {run.source.name}")
-    return run.detections()
-
-
-def detect_all(
-    runs: Sequence[DetectionRun], workers: Workers | None = None, label: str = "detection"
-) -> None:
-    """Make the detections that are missing, with progress.
-
-    Without ``workers`` one process does so.
-
-    Raises
-    ------
-    InputError
-        If something cannot be read or written, or a worker writes to another folder.
-    """
-    runs = [_placed(run) for run in runs]
-    pieces = [(run, frames, run.table(frames).path) for run in runs for frames in run.chunks]
-    ready = [path.is_file() and run.has_differences(frames) for run, frames, path in pieces]
-    missing = [piece for piece, done in zip(pieces, ready, strict=True) if not done]
-    lengths = [len(frames) for _, frames, _ in missing]
-    before = sum(len(frames) for _, frames, _ in pieces) - sum(lengths)
-    (workers or Workers())(_make_chunk, missing, lengths, label, before)
-    lost = [path for *_, path in missing if not path.is_file()]
-    if lost:
-        raise InputError(
-            f"{lost[0]}: a worker has made this, but not here. Give the workers the same folder "
-            "under the same name."
-        )
-
-
-def _placed(run: DetectionRun) -> DetectionRun:
-    """Return the run with an absolute folder, which workers need."""
-    return replace(run, folder=(run.folder or paths.derived()).absolute())
-
-
-def _make_chunk(piece: tuple[DetectionRun, range, Path]) -> None:
-    run, frames, expected = piece
-    table = run.table(frames)
-    if table.path != expected:
-        raise InputError(
-            f"{run.source.name}: this worker has another version of kilnflight than the "
-            f"caller ({table.path.name}, expected {expected.name}). Install the same one."
-        )
-    table()
 
 
 @dataclass(frozen=True)
 class KilnRun:
     """A recording with all parameters of its flights.
 
+    Each of `KILN_STEPS` is an attribute: the `CachedTable` of that name.
+
     Parameters
     ----------
     detection
         Recording, frames, detector, and the folder of all tables.
     exit_point_mm
-        Outlet of the lance, its depth calibrated; None: there are no trajectories.
+        Outlet of the lance, its depth calibrated; None: no trajectories.
     wall
         The kiln; None: no detection counts as on the wall, and there are no flights.
     in_air
-        Which detections are in the air.
+        Selects the detections in the air.
     tracker, cutting, regression
-        Makes one track of each particle's detections; cuts tracks at steps that no particle
-        makes; fits three polynomials to each.
+        Parameters of tracking, of splitting tracks at impossible steps, and of the fits.
     rules
-        Which tracks are flights, and how these are read.
+        Criteria of flights.
     """
 
     detection: DetectionRun
@@ -350,75 +226,104 @@ class KilnRun:
 
     @property
     def frames(self) -> range:
-        """Return the range of frames."""
+        """Frames with detections."""
         return range(self.detection.start, self.detection.stop)
 
     @property
     def frame_rate_hz(self) -> float:
-        """Return the number of frames per second."""
+        """Frames per second."""
         return self.detection.source.recording().attributes.frame_rate_hz
 
-    def table(self, step: str) -> CachedTable:
-        """Return the table of one of `KILN_STEPS`."""
-        make, tables, options = KILN_STEPS[step]
-        depends_on = {name: self._files(name) for name in tables}
-        depends_on |= {name: getattr(self, name) for name in options}
-        return CachedTable(step, partial(make, self), depends_on, self.detection.folder)
+    @property
+    def folder(self) -> Path:
+        """Folder of all tables."""
+        return self.detection.folder
 
-    def _files(self, step: str) -> list[str]:
-        run = self.detection
-        if step == "detections":
-            return [run.table(frames).path.name for frames in run.chunks]
-        return [self.table(step).path.name]
+    @property
+    def detected(self) -> list[CachedTable]:
+        """Tables of detections."""
+        return [self.detection.table(frames) for frames in self.detection.chunks]
+
+    def table(self, what: range | str) -> CachedTable:
+        """Return the table of a chunk's detections, or of one of `KILN_STEPS`."""
+        if isinstance(what, range):
+            return self.detection.table(what)
+        table: CachedTable = getattr(self, what)
+        return table
+
+    @cached("detected", "wall", "in_air", "tracker", "cutting")
+    def tracks(self) -> pd.DataFrame:
+        """Post-processed tracks of the detections in the air."""
+        table = self.detection.detections()
+        if self.wall is not None:
+            on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
+            table = table[~on_wall].reset_index(drop=True)
+        return self.cutting(postprocess(track(table, self.tracker)), self.frame_rate_hz)
+
+    @cached("tracks", "exit_point_mm", "regression")
+    def trajectories(self) -> pd.DataFrame:
+        """Fitted trajectories; none without the lance's outlet."""
+        if self.exit_point_mm is None:
+            return TRAJECTORIES.empty()
+        tracks, rate = tracked(self.tracks()), self.frame_rate_hz
+        return regression.regress_all(tracks, self.exit_point_mm, rate, self.regression)
+
+    @cached("tracks", "trajectories", "rules")
+    def flights(self) -> pd.DataFrame:
+        """Flights of the trajectories; none without a wall."""
+        return flights_from(self, self.tracks(), regression.fits(self.trajectories()))
+
+    @cached("trajectories", "flights")
+    def slices(self) -> pd.DataFrame:
+        """Velocities within each metre."""
+        return slices_from(self.flights(), regression.fits(self.trajectories()))
 
 
 def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
-    """Make all missing tables, with progress.
+    """Make all missing tables, with progress; one process by default.
 
-    Then ``run.table(step)()`` reads a table. Without ``workers`` one process does everything.
-    Workers of a cluster detect only; ``workers.jobs`` processes on this machine do the later
-    steps, a recording each.
+    Workers of a cluster only detect. The later steps take ``workers.jobs`` processes on this
+    machine, one per recording.
+
+    Raises
+    ------
+    InputError
+        If something cannot be read or written, or a worker writes to another folder.
     """
     workers = workers or Workers()
-    detect_all([run.detection for run in runs], workers)
-    runs = [replace(run, detection=_placed(run.detection)) for run in runs]
+    chunks = [(run, frames, len(frames)) for run in runs for frames in run.detection.chunks]
+    _make_missing(chunks, workers, "detection")
     for step in KILN_STEPS:
-        missing = [run for run in runs if not run.table(step).path.is_file()]
-        lengths = [len(run.frames) for run in missing]
-        before = sum(len(run.frames) for run in runs) - sum(lengths)
-        pieces = [(run, step) for run in missing]
-        replace(workers, scheduler=None)(_make_table, pieces, lengths, step, before)
+        pieces = [(run, step, len(run.frames)) for run in runs]
+        _make_missing(pieces, replace(workers, scheduler=None), step)
 
 
-def _make_table(piece: tuple[KilnRun, str]) -> None:
-    run, step = piece
-    run.table(step)()
+def _make_missing(
+    pieces: Sequence[tuple[KilnRun, range | str, int]], workers: Workers, label: str
+) -> None:
+    """Make missing tables; a piece is a run, its chunk or step, and the number of frames."""
+    wanted = [(run, what, run.table(what).path, size) for run, what, size in pieces]
+    missing = [each for each in wanted if not each[2].is_file()]
+    lengths = [size for *_, size in missing]
+    before = sum(size for *_, size in wanted) - sum(lengths)
+    workers(_make_table, [each[:3] for each in missing], lengths, label, before)
+    lost = [path for *_, path, _ in missing if not path.is_file()]
+    if lost:
+        raise InputError(
+            f"{lost[0]}: a worker has made this, but not here. Give the workers the same folder "
+            "under the same name."
+        )
 
 
-def _track(run: KilnRun) -> pd.DataFrame:
-    """Return the post-processed tracks of the detections in the air."""
-    table = run.detection.detections()
-    if run.wall is not None:
-        on_wall = run.in_air.on_wall(table[["x", "y", "z"]], run.wall)
-        table = table[~on_wall].reset_index(drop=True)
-    return run.cutting(postprocess(track(table, run.tracker)), run.frame_rate_hz)
-
-
-def _regress(run: KilnRun) -> pd.DataFrame:
-    if run.exit_point_mm is None:
-        return TRAJECTORIES.empty()
-    tracks, rate = tracked(run.table("tracks")()), run.frame_rate_hz
-    return regression.regress_all(tracks, run.exit_point_mm, rate, run.regression)
-
-
-def _fly(run: KilnRun) -> pd.DataFrame:
-    fits = regression.fits(run.table("trajectories")())
-    return flights_from(run, run.table("tracks")(), fits)
-
-
-def _slice(run: KilnRun) -> pd.DataFrame:
-    fits = regression.fits(run.table("trajectories")())
-    return slices_from(run.table("flights")(), fits)
+def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
+    run, what, expected = piece
+    table = run.table(what)
+    if table.path != expected:
+        raise InputError(
+            f"{expected.name}: this worker has another version of kilnflight than the caller "
+            f"({table.path.name}). Install the same one."
+        )
+    table()
 
 
 def flights_from(
@@ -434,35 +339,24 @@ def flights_from(
 
 
 def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
-    """Return the space-sliced velocities of flights from the lance that are not refused."""
+    """Return the space-sliced velocities of accepted flights from the lance."""
     counted = flight.kept(flights[flights["from_lance"]])
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)
 
 
-def background_gray(
-    detections: pd.DataFrame, source: Source, frames: range
-) -> npt.NDArray[np.float64]:
+def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> Array:
     """Return the kiln's mean grey value (n,) behind each detection's disc.
 
-    The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``
-    (`kilnflight.ignition.Ignition` says what for).
+    The kiln is the median of `EMPTY_FRAMES` pictures spread over ``frames``. Its purpose is in
+    `kilnflight.ignition.Ignition`.
     """
     picture = _empty_kiln(source, frames).astype(np.float64)
     return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
 
 
-@lru_cache(maxsize=8)  # of a study's campaigns: 12 MB each
+@lru_cache(maxsize=1)  # a study reads one recording's flights several times
 def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
-    """Return the median picture (rows, cols) of a recording; kept, as pictures cost seconds."""
-    steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
+    """Return the median picture (rows, cols) of a recording."""
+    steps = np.linspace(frames.start, frames.stop - 1, EMPTY_FRAMES).round().astype(int)
     return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])
-
-
-# The function of each table, with the tables and options it needs.
-KILN_STEPS: dict[str, tuple[Callable[[KilnRun], pd.DataFrame], Names, Names]] = {
-    "tracks": (_track, ("detections",), ("wall", "in_air", "tracker", "cutting")),
-    "trajectories": (_regress, ("tracks",), ("exit_point_mm", "regression")),
-    "flights": (_fly, ("tracks", "trajectories"), ("rules",)),
-    "slices": (_slice, ("trajectories", "flights"), ()),
-}

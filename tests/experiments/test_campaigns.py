@@ -20,7 +20,6 @@ def test_the_scales_are_those_of_the_thesis_or_parts():
         some = campaigns.campaigns(scale, LEARNED)
         assert len(some) == number
         assert sum(len(one.frames) for one in some) == frames
-        assert all(not one.run.detection.differences for one in some)
         x, y, z = some[0].run.exit_point_mm
         assert (x, y, z) == pytest.approx((-66.1, 214.9, 5856.0), abs=15)  # pose.json
     with pytest.raises(InputError, match="no scale 'huge'; there are quick"):

@@ -26,8 +26,9 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.sources import TwinSource
 from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, kept, straight_on
-from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource
+from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.flights import METRES, FlightValues, outcomes
@@ -154,7 +155,7 @@ def _run(name: str, scale: str, settings: Settings, seed: int, scenario: str) ->
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
     detector, subtracted = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
-    frames = DetectionRun(source, first, stop, detector, subtracted, LONG_CHUNK, differences=False)
+    frames = DetectionRun(source, first, stop, detector, subtracted)
     exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)
     return KilnRun(frames, exit_point, settings.wall, in_air)
 

@@ -106,12 +106,12 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     """Return a background plus the greatest signed difference from it at each pixel (Fig. 5.17).
 
     The thesis sums the differences; here the flicker of the kiln would sum up to more than one
-    passing particle. The background is the median of `kilnflight.kiln.BACKGROUND_FRAMES` frames of
+    passing particle. The background is the median of `kilnflight.kiln.EMPTY_FRAMES` frames of
     each stretch of about `STRETCH` ("constant over a specific time period", 5.1.2).
     """
     most = np.zeros((recording.attributes.rows, recording.attributes.columns), np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
-        steps = np.linspace(part[0], part[-1], kiln.BACKGROUND_FRAMES).round().astype(int)
+        steps = np.linspace(part[0], part[-1], kiln.EMPTY_FRAMES).round().astype(int)
         pictures = {t: recording.gray(t) for t in np.unique(steps).tolist()}
         background = stack_median(list(pictures.values())).astype(np.float32)
         for t in part.tolist():

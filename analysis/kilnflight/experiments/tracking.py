@@ -8,23 +8,21 @@ The trackers run on the windows of Table 5.15.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-import zarr
 
-from kilnflight import kiln, tracklets
+from kilnflight import tracklets
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import Settings
 from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.differences import StoredDifferences
+from kilnflight.experiments.sources import TwinSource
 from kilnflight.experiments.tracking_scores import (
     GATE_PX,
     STAGES,
@@ -35,7 +33,6 @@ from kilnflight.experiments.tracking_scores import (
     score_cell,
     tabulate,
 )
-from kilnflight.kiln import CHUNK, TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.twin.scene import Twin
@@ -94,17 +91,19 @@ def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> 
     jobs
         Processes.
     """
-    parts = []
+    detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
+    stored = {}
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        source = kiln.TwinSource(campaign_name(fraction, 4.5), seed)
-        twin = source.recording()
-        frames = scored_frames(twin, scale)
-        detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
-        run = DetectionRun(source, frames.start, frames.stop, detector, background, CHUNK, True)
-        seen = settings.in_air(kiln.detections(run, Workers(jobs)))
-        seen = seen[seen["frame"].isin(frames)].reset_index(drop=True)
-        truth = true_trajectories(twin, frames)
-        parts.append(Window(fraction, frames, seen, truth, StoredDifferences(run), lance_of(twin)))
+        source = TwinSource(campaign_name(fraction, 4.5), seed)
+        frames = scored_frames(source.recording(), scale)
+        stored[fraction] = StoredDifferences(source, frames, detector, background)
+    lengths = [len(each.frames) for each in stored.values()]
+    Workers(jobs)(StoredDifferences.make, list(stored.values()), lengths, "detection in windows")
+    parts = []
+    for fraction, each in stored.items():
+        twin, frames = each.source.recording(), each.frames
+        seen, truth = settings.in_air(each.table()), true_trajectories(twin, frames)
+        parts.append(Window(fraction, frames, seen, truth, each, lance_of(twin)))
     return parts
 
 
@@ -224,71 +223,3 @@ def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
     ]
     table = tracklets.tracked(pd.concat(parts, ignore_index=True))
     return table[["fraction", column, "particle", "frame", "row", "col"]]
-
-
-@dataclass(frozen=True)
-class StoredDifferences:
-    """Differences to the background that were stored with detections, sliced like an array.
-
-    Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
-    most, less than the noise there.
-    """
-
-    run: DetectionRun
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Frames up to the last one of the run, rows and columns."""
-        known = self.run.source.recording().attributes
-        return self.run.stop, known.rows, known.columns
-
-    def __call__(
-        self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
-    ) -> npt.NDArray[np.float64]:
-        """Return the sum over the frames first to last, both counted, in a box."""
-        total = np.zeros((bottom - top, right - left))
-        for frames in self.run.chunks:
-            span = slice(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
-            if span.start < span.stop:
-                total += self[span, top:bottom, left:right].sum(axis=0)
-        return total
-
-    def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
-        """Return the differences (frames, rows, cols) in a box, 0 in frames without any."""
-        (first_frame, stop), (top, bottom), (left, right) = ((s.start, s.stop) for s in box)
-        found = np.zeros((stop - first_frame, bottom - top, right - left), np.uint16)
-        tiles = product(
-            range(top // TILE[0], (bottom - 1) // TILE[0] + 1),
-            range(left // TILE[1], (right - 1) // TILE[1] + 1),
-        )
-        for (row, col), frames in product(tiles, self.run.chunks):
-            span, found_span = _overlap(frames.start, len(frames), first_frame, stop)
-            if span.start < span.stop:
-                rows, found_rows = _overlap(row * TILE[0], TILE[0], top, bottom)
-                cols, found_cols = _overlap(col * TILE[1], TILE[1], left, right)
-                tile = _tile(self.run.differences_of(frames), row, col)
-                roots = tile[span, rows, cols].astype(np.uint16)
-                found[found_span, found_rows, found_cols] = roots * roots
-        return found
-
-
-def _overlap(start: int, size: int, low: int, high: int) -> tuple[slice, slice]:
-    """Return where a piece and the range low to high meet, from the start of each."""
-    first, stop = max(start, low), min(start + size, high)
-    return slice(first - start, stop - start), slice(first - low, stop - low)
-
-
-@lru_cache(maxsize=32)  # 20 MB each: what pairs in 300 frames look at, again and again
-def _tile(folder: Path, row: int, col: int) -> npt.NDArray[np.uint8]:
-    """Return the roots (frames, rows, cols) of one tile in all frames of a chunk."""
-    try:
-        # the files of many frames in one go: asked one by one, they cost twice the time
-        with zarr.config.set({"codec_pipeline.batch_size": 32}):
-            store = zarr.open_array(folder, mode="r")
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{folder}: frame differences cannot be read ({error}). Run `kiln.detections` first."
-        ) from error
-    height, width = TILE
-    rows, cols = slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)
-    return np.asarray(store[:, rows, cols], dtype=np.uint8)

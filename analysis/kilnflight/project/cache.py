@@ -1,8 +1,8 @@
 """Whole files, one writer at a time, and tables that are made once.
 
 The name of a cached table holds a hash of its arguments and of the code that makes it
-(`code_hash`); a change of either gives another file. A later step counts the names of the tables
-that it reads among its arguments. ``make clean`` removes old files.
+(`code_hash`), so a change of either gives another file. Among the arguments of a later step are
+the names of its input tables. ``make clean`` removes old files.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
@@ -27,41 +27,48 @@ if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
 PACKAGE = Path(__file__).parents[1]
-AGAIN = "What was finished before is kept: make room (disk, memory) and run it again to go on."
+AGAIN = "Finished parts are kept: make room (disk, memory) and run it again to continue."
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it."""
+    """Write a file under a temporary name and rename it; errors as in `make_whole`."""
     make_whole(path, lambda part: part.write_bytes(content))
 
 
 def make_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file or a folder under a temporary name, then rename it."""
+    """Let ``write`` make a file or a folder under a temporary name, then rename it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, as on a full disk.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         write(part)
         if part.is_dir():
             shutil.rmtree(path, ignore_errors=True)
         part.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}). {AGAIN}") from error
     finally:
         _remove(part)
 
 
 def clear_parts(path: Path) -> None:
-    """Remove what killed processes have left of a file or folder; call it `locked`."""
+    """Remove unfinished copies of a file or folder; only while it is `locked`."""
     for part in path.parent.glob(f".{path.name}.*.part"):
         _remove(part)
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
+    shutil.rmtree(path, ignore_errors=True)  # a folder
     path.unlink(missing_ok=True)
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Let one process at a time work on a file or folder; the others wait (make -j)."""
+    """Lock a file or folder for one process; others wait (make -j)."""
     handle = os.open(path, os.O_RDONLY | (0 if path.is_dir() else os.O_CREAT))
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -70,20 +77,11 @@ def locked(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def write_resumable(path: Path, content: bytes) -> None:
-    """Write a file of a long run whole, or raise an `InputError` that says how to go on."""
-    try:
-        write_whole(path, content)
-    except OSError as error:
-        told = f"{path}: cannot be written ({error.strerror or error}). {AGAIN}"
-        raise InputError(told) from error
-
-
 def code_hash(*objects: object) -> str:
     """Return a hash of the modules of functions, classes and instances, and of their imports.
 
-    Imports are followed within this package, whole modules at a time; JSON and CSV files beside
-    a module count. Objects from elsewhere, as from a notebook, do not.
+    Imports are followed within this package, whole modules at a time, with JSON and CSV files
+    beside them. Objects from elsewhere, as from a notebook, do not count.
     """
     made_by = (getattr(value, "func", value) for value in objects)  # of a partial
     names = {getattr(value, "__module__", None) or "" for value in made_by}
@@ -120,7 +118,7 @@ def _module(name: str) -> list[Path]:
     return [file for file in files if file.is_file()]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CachedTable:
     """A table that is made once and then read from its file.
 
@@ -129,24 +127,25 @@ class CachedTable:
     name
         First part of the file's name.
     make
-        Makes the table: a function, also within a `functools.partial`, or an instance.
+        Function of no arguments, also a `functools.partial`, that makes the table.
     depends_on
-        All that the table depends on besides the code; the ``repr`` of each value counts.
+        Arguments of the table; the ``repr`` of each value counts, and the code of its class.
     folder
         data/derived if None.
-    whole
-        Whether what ``make`` writes beside the table is there; else both are made again.
     """
 
     name: str
     make: Callable[[], pd.DataFrame]
     depends_on: Mapping[str, object]
     folder: Path | None = None
-    whole: Callable[[], bool] = lambda: True
+
+    def __repr__(self) -> str:
+        """Return the file's name, the identity of the table."""
+        return self.path.name
 
     @property
     def path(self) -> Path:
-        """The file of the table."""
+        """File of the table."""
         arguments = json.dumps([self.name, dict(self.depends_on)], sort_keys=True, default=repr)
         text = arguments + code_hash(self.make, *self.depends_on.values())
         number = hashlib.sha256(text.encode()).hexdigest()[:12]
@@ -157,13 +156,31 @@ class CachedTable:
         import pandas as pd
         from pyarrow import ArrowException
 
-        path = self.path
-        path.parent.mkdir(parents=True, exist_ok=True)
+        (path := self.path).parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
-            if not (path.is_file() and self.whole()):
+            if not path.is_file():
                 clear_parts(path)
-                write_resumable(path, self.make().to_parquet(index=False))
+                write_whole(path, self.make().to_parquet(index=False))
         try:
             return pd.read_parquet(path)
         except (OSError, ArrowException) as error:
-            raise InputError(f"{path}: cannot be read ({error}). Delete it to go on.") from error
+            raise InputError(f"{path}: cannot be read ({error}). Delete it to continue.") from error
+
+
+def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], property]:
+    """Turn a method that makes a table into a property: the `CachedTable` of that name.
+
+    Parameters
+    ----------
+    *depends_on
+        Attributes of the object that the table depends on; its ``folder`` holds the file.
+    """
+
+    def decorate(make: Callable[[Any], pd.DataFrame]) -> property:
+        def table(instance: Any) -> CachedTable:
+            values = {name: getattr(instance, name) for name in depends_on}
+            return CachedTable(make.__name__, partial(make, instance), values, instance.folder)
+
+        return property(table, doc=make.__doc__)
+
+    return decorate

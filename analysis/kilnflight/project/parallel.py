@@ -1,7 +1,7 @@
-"""Pieces of work, done by processes of this machine or by a Dask cluster, with the same results.
+"""Sequence[Any] of work for processes of this machine or a Dask cluster, with the same results.
 
-joblib's own Dask backend is not used: it works in this process where the cluster has one core, and
-waits for ever where a worker is killed (joblib 1.6).
+joblib's own Dask back end is not used: it works in this process where the cluster has one core,
+and waits for ever where a worker is killed (joblib 1.6).
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ from typing import Any
 import joblib
 from tqdm import tqdm
 
-from kilnflight.checks import InputError, check_count
+from kilnflight.checks import InputError, check_number
 from kilnflight.project import paths
 from kilnflight.project.cache import AGAIN
 
 Make = Callable[..., Any]
-Pieces = Sequence[Any]
 PATIENCE_S = 10.0  # for the scheduler and its first worker to answer
 LOGGED_S = 60.0  # between two states of the bar in a log
 
@@ -51,11 +50,10 @@ class Workers:
     into_logs: bool = False
 
     def __post_init__(self) -> None:
-        """Raise an error for an invalid number of processes."""
-        check_count(self.jobs, "workers: jobs")
+        check_number(self.jobs, "workers: jobs", least=1, whole=True)
 
     def __call__(
-        self, make: Make, pieces: Pieces, frames: Sequence[int], label: str, before: int = 0
+        self, make: Make, pieces: Sequence[Any], frames: Sequence[int], label: str, before: int = 0
     ) -> None:
         """Call ``make`` for every piece, with a bar of frames and the time that is left.
 
@@ -78,14 +76,13 @@ class Workers:
             If there is no scheduler or a process was killed; or what ``make`` raises.
         """
         finished = self._local if self.scheduler is None else self._cluster
-        total = before + sum(frames)
-        with tqdm(total=total, initial=before, unit="frame", **self._bar(label)) as bar:
+        with tqdm(total=before + sum(frames), initial=before, **self._bar(label)) as bar:
             for k in finished(partial(_numbered, make), pieces) if pieces else ():
                 bar.update(frames[k])
 
     def _bar(self, label: str) -> dict[str, Any]:
         """Return where the bar is shown, and how often."""
-        options: dict[str, Any] = {"desc": label, "smoothing": 0}  # the mean rate
+        options: dict[str, Any] = {"desc": label, "unit": "frame", "smoothing": 0}  # mean rate
         if stem := os.environ.get(paths.NOTEBOOK):  # lines among those of make
             options |= {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
             options["file"] = sys.__stdout__
@@ -93,18 +90,15 @@ class Workers:
             return options | {"disable": None}
         return options | dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
 
-    def _local(self, make: Make, pieces: Pieces) -> Iterator[int]:
+    def _local(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the numbers of the pieces that processes of this machine have finished."""
-        jobs = min(self.jobs, len(pieces))
-        if jobs == 1:
-            yield from map(make, range(len(pieces)), pieces)
-            return
         try:
+            jobs = min(self.jobs, len(pieces))
             yield from run_all(make, enumerate(pieces), jobs, "generator_unordered")
         except BrokenExecutor as error:
             raise InputError(f"a process was killed (out of memory?). {AGAIN}") from error
 
-    def _cluster(self, make: Make, pieces: Pieces) -> Iterator[int]:
+    def _cluster(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the numbers of the pieces that the cluster has finished."""
         with ExitStack() as stack:
             try:
@@ -113,7 +107,7 @@ class Workers:
                 client = Client(self.scheduler, timeout=PATIENCE_S, set_as_default=False)
                 stack.enter_context(client)
                 client.wait_for_workers(1, timeout=PATIENCE_S)
-                client.run(__import__, "kilnflight")
+                client.run(_one_thread)
             except (ImportError, OSError, ValueError, TypeError) as error:
                 needs = "It needs dask scheduler and dask worker with the same kilnflight[cluster]."
                 raise InputError(f"scheduler {self.scheduler}: {error}. {needs}") from error
@@ -130,7 +124,14 @@ def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator
     with warnings.catch_warnings():  # joblib's when it renews a process that has grown
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         calls = (joblib.delayed(make)(*piece) for piece in pieces)
-        yield from joblib.Parallel(n_jobs=jobs, return_as=kind)(calls)
+        yield from joblib.Parallel(n_jobs=jobs, return_as=kind, initializer=_one_thread)(calls)
+
+
+def _one_thread() -> None:
+    """Keep OpenCV in a worker from taking the cores of the others."""
+    import cv2
+
+    cv2.setNumThreads(1)
 
 
 def _numbered(make: Make, number: int, piece: object) -> int:

@@ -1,0 +1,24 @@
+"""Simulated recordings as sources of `kilnflight.kiln`."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import cached_scene
+
+
+@dataclass(frozen=True)
+class TwinSource:
+    """A scene of the simulation by name and seed."""
+
+    name: str
+    seed: int = 0
+
+    def recording(self) -> Twin:
+        """Return the simulation."""
+        return _scene(self.name, self.seed)
+
+
+@lru_cache(maxsize=2)  # the flights of a scene take seconds
+def _scene(name: str, seed: int) -> Twin:
+    return cached_scene(name, seed)
