@@ -95,7 +95,6 @@ PICTURES = (".jpeg", ".jpg", ".png")
 COLOURS = ("red", "green", "blue")
 GRAY_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
-NO_CLASS = 255
 # What the libraries raise on files that are cut, damaged or of another kind.
 UNREADABLE = (
     *(EOFError, LookupError, OSError, RuntimeError, ValueError),
@@ -123,17 +122,12 @@ class Part:
     classes: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        fits = {
-            "key": isinstance(self.key, str | None),
-            "form": self.form in ("grid", "points"),
-            "invalid": self.invalid == "nan" or isinstance(self.invalid, int | float),
-            "unit": self.unit in ("mm", "m"),
-            "columns": len(self.columns) == 5,
-            "origin": self.origin in (0, 1),
-            "classes": all(name.lstrip("-").isdecimal() for name in self.classes),
-        }
-        if wrong := [key for key, good in fits.items() if not good]:
-            raise InputError(f"{wrong[0]} cannot be {getattr(self, wrong[0])!r}")
+        allowed = {"form": ("grid", "points"), "unit": ("mm", "m"), "origin": (0, 1)}
+        wrong = [key for key, values in allowed.items() if getattr(self, key) not in values]
+        wrong += [name for name in self.classes if not name.lstrip("-").isdecimal()]
+        wrong += ["invalid"] if isinstance(self.invalid, str) and self.invalid != "nan" else []
+        if wrong or len(self.columns) != 5 or not isinstance(self.key, str | None):
+            raise InputError(f"{', '.join(wrong) or 'key or columns'}: not as a manifest has it")
 
 
 Parts = Mapping[str, tuple[Part, dict[int, Path]]]  # with the files by number of the frame
@@ -236,28 +230,24 @@ def open_any(
         if not hasattr(source, "__len__") or not hasattr(source, "__getitem__"):
             raise InputError(f"source: {source!r} is no path and no array of frames.")
         given = {"name": "array", "frame_rate_hz": frame_rate_hz}
-        return _recording(source, range(len(source)), given, channel)
+        return _recording(source, range(len(source)), given, channel, {})
     path, text = Path(source), os.fspath(source)
     if path.suffix.lower() == ".toml":
         return read_manifest(path)
     if (path / "zarr.json").is_file() or not (path.exists() or re.search(r"[*?{\[]", text)):
         return open_recording(path)
     given = {"name": path.stem or path.resolve().name, "frame_rate_hz": frame_rate_hz}
-    return _recording(*_images(Part(text, channel=channel), Path()), given, channel)
+    return _recording(*_images(Part(text, channel=channel), Path()), given, channel, {})
 
 
 def _recording(
-    images: Any,
-    numbers: Sequence[int],
-    given: Mapping[str, Any],
-    channel: Channel,
-    parts: Parts | None = None,
+    images: Any, numbers: Sequence[int], given: Mapping[str, Any], channel: Channel, parts: Parts
 ) -> FileRecording:
     """Return the recording of some images; the first one decides size and channel."""
-    where, notes, position, scale = f"recording {given.get('name')}", list[str](), 0, None
+    where, notes, scale = f"recording {given.get('name')}", list[str](), None
     if not numbers:
         raise InputError(f"{where}: it has no frames.")
-    first = np.asarray(images[0])
+    first, position = np.asarray(images[0]), 0
     if first.ndim == 3:
         position, colours = _position(channel, first.shape[2], where), first[..., :3]
         if channel is None and (colours != colours[..., :1]).any():
@@ -267,26 +257,25 @@ def _recording(
         notes.append(f"{missing} of the frames {numbers[0]} to {numbers[-1]} are missing")
     first = _one_channel(first, position, where)
     if first.dtype not in GRAY_TYPES:
-        low, high, fits = math.inf, -math.inf, True
+        ends, fits = [], True
         for t, number in enumerate(numbers):
             image = _one_channel(images[t], position, f"{where}, frame {number}")
-            low, high = min(low, float(image.min())), max(high, float(image.max()))
+            ends += [float(image.min()), float(image.max())]
             fits = fits and _is_gray(image)
         if not fits:
-            scale = low, WHITE / ((high - low) or 1.0)
-            notes.append(f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}")
+            scale = min(ends), WHITE / ((max(ends) - min(ends)) or 1.0)
+            notes.append(f"grey values: {min(ends):g} to {max(ends):g} are scaled to 0 to {WHITE}")
     rate = given.get("frame_rate_hz") or getattr(images, "frame_rate_hz", 1.0)
     found = {"name": None, "rows": first.shape[0], "columns": first.shape[1], "notes": notes}
     attributes = Attributes.from_json({**found, **given, "frame_rate_hz": rate})
-    return FileRecording(attributes, numbers, images, position, scale, parts or {})
+    return FileRecording(attributes, numbers, images, position, scale, parts)
 
 
 def _position(channel: Channel, count: int, where: str) -> int:
     """Return the position of a channel on an axis of ``count``."""
     position = COLOURS.index(channel) if channel in COLOURS else channel or 0
     if position not in range(count):
-        rule = f"one of {', '.join(COLOURS)} or 0 to {count - 1}"
-        raise InputError(f"{where}: channel {channel!r} is not there; give {rule}.")
+        raise InputError(f"{where}: channel {channel!r} is not there; there are {count}.")
     return int(position)
 
 
@@ -294,14 +283,12 @@ def _one_channel(image: Any, channel: int, where: str) -> Anything:
     """Return one channel of a picture, or raise an `InputError`."""
     array = np.asarray(image)
     array = array[..., channel] if array.ndim == 3 and array.shape[2] <= 4 else array
-    array = array.astype(array.dtype.newbyteorder("="), copy=False)
-    numbers = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image)
-    if array.ndim != 2 or not array.size or not numbers or not np.isfinite(array).all():
-        raise InputError(
-            f"{where}: {array.dtype} of shape {np.shape(image)} is no picture. Give finite numbers "
-            "(rows, cols) without a mask, or with a last axis of up to four channels."
-        )
-    return array
+    real = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image)
+    if array.ndim != 2 or not array.size or not real or not np.isfinite(array).all():
+        kind = f"{array.dtype} of shape {np.shape(image)}"
+        rule = "(rows, cols) without a mask, or with a last axis of up to four channels"
+        raise InputError(f"{where}: {kind} is no picture. Give finite numbers {rule}.")
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
 def _is_gray(image: Anything) -> bool:
@@ -315,10 +302,8 @@ def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
     if not path.is_file():
         found = _numbered(part.pattern, folder)
         return Pictures(list(found.values()), part.key), list(found)
-    images: Any = Pictures([path])
-    if ending in FILMS:
-        images = Film(path)
-    elif ending not in PICTURES:
+    images = Film(path) if ending in FILMS else Pictures([path])
+    if ending not in FILMS + PICTURES:
         images = read_array(path, part.channel if ending in TIFFS else part.key, stack=True)
     return images, range(len(images))
 
@@ -337,10 +322,8 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
         number = int(found.groups()[-1]) if found else -1
         if number in files or number < 0:
             other = f", as {files[number].name}" if number in files else ""
-            raise InputError(
-                f"{path}: is frame {number}{other}. Write {{frame}} where the number of the frame "
-                "stands: film/a_{frame}_8bit.png."
-            )
+            rule = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
+            raise InputError(f"{path}: is frame {number}{other}. {rule}.")
         files[number] = path
     if not files:
         raise InputError(f"{whole}: no file fits the pattern, or none is a picture.")
@@ -373,10 +356,7 @@ class Film:
             self._next += 1
         self._length = self._next
         if not self._length:
-            raise InputError(
-                f"{path}: no frame can be decoded; it is damaged, or OpenCV lacks its codec. "
-                "Convert it: ffmpeg -i FILM -c:v ffv1 film.avi"
-            )
+            raise InputError(f"{path}: no frame can be decoded. Convert it: ffmpeg -i FILM a.avi")
 
     def __len__(self) -> int:
         return self._length
@@ -453,10 +433,9 @@ def _from_bgr(image: Anything | None) -> Anything:
 def _tiff(path: Path, channel: Channel) -> Anything:
     """Return the pages (n, rows, cols) or with colours, on disk where they can be mapped."""
     with tifffile.TiffFile(path) as tif:
-        series, page, file = tif.series[0], tif.pages[0], tif.filehandle
-        axes = dict(zip(series.axes, series.shape, strict=True))
-        file.seek(tif.pages.next_page_offset or 0)
-        if any(file.read(4)):
+        series, page = tif.series[0], tif.pages[0]
+        tif.filehandle.seek(tif.pages.next_page_offset or 0)
+        if any(tif.filehandle.read(4)):
             raise ValueError("it ends within its pages")
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
@@ -466,15 +445,14 @@ def _tiff(path: Path, channel: Channel) -> Anything:
             images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
     if images.dtype.newbyteorder("=") != page.dtype:
         raise ValueError(f"its compression of {page.dtype} is not known")
+    axes = dict(zip(series.axes, series.shape, strict=True))
     lead = {axis: n for axis, n in axes.items() if axis not in "YXS" and n > 1}
     if set(lead) - set("TIQC") or ("C" in lead and channel is None):
-        raise ValueError(
-            f"a stack of axes {axes}, only time (T) is read. Save one plane or a projection of z, "
-            "name a channel, or call the axis T (ImageJ: Image > Properties)"
-        )
+        remedy = "Save one plane, name a channel, or call the axis T (ImageJ: Image > Properties)"
+        raise ValueError(f"of the axes {axes} only time (T) is read. {remedy}")
     if "C" in lead:
-        images = images.reshape(*lead.values(), *page.shape)
         position = _position(channel, lead["C"], str(path))
+        images = images.reshape(*lead.values(), *page.shape)
         images = images.take(position, axis=list(lead).index("C"))
     return images.reshape(-1, *page.shape)
 
@@ -492,8 +470,8 @@ def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything
         columns = [known_numbers(table[name], f"{path}: column {name}") for name in names]
         pixels, xyz = np.stack(columns[:2], 1) - part.origin, np.stack(columns[2:], 1)
     missing: Any = np.isnan(xyz).any(axis=1)
-    if part.invalid != "nan" and not np.isnan(part.invalid):
-        missing = xyz[:, 2].astype(np.float32) == np.float32(part.invalid)
+    if not np.isnan(invalid := np.float32(part.invalid)):
+        missing = xyz[:, 2].astype(np.float32) == invalid
     pixels, xyz = pixels[~missing], xyz[~missing]
     if not (np.abs(pixels) < 2**31).all() or (pixels % 1).any() or (len(missing) and not len(xyz)):
         raise InputError(f"{path}: row and col of a point are not whole, or none has a position.")
@@ -506,13 +484,14 @@ def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Picture]
     """Return the classes of Table 5.1 in one file."""
     image = read_array(path, part.key)
     check_shape(image, size, str(path))
-    labels = np.full(size, NO_CLASS, np.uint8)
+    labels = np.full(size, 255, np.uint8)
     for theirs, ours in part.classes.items():
         labels[image == int(theirs)] = ours
-    if (labels == NO_CLASS).any():
-        row, col = np.argwhere(labels == NO_CLASS)[0]
-        place = f"class {image[row, col]} at row {row}, col {col}"
-        raise InputError(f"{path}: {place} is not in classes. Add it.")
+    if (labels == 255).any():
+        row, col = np.argwhere(labels == 255)[0]
+        raise InputError(
+            f"{path}: class {image[row, col]} at row {row}, col {col} is not in classes."
+        )
     return {"labels": labels}
 
 

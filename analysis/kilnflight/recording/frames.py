@@ -105,18 +105,16 @@ class Attributes:
                 check_number(value, f"{where}, {key}", above=0)
         row0, row1, col0, col1 = self.flame_roi or (0, rows, 0, columns)
         vertices, lance = np.array(self.roi or ((0, 0),) * 3), np.array(self.lance_mm or (0, 0, 0))
+        inside = vertices.shape[1:] == (2,) and ((vertices >= 0) & (vertices <= self.size)).all()
         fits = {
             "name": isinstance(self.name, str) and self.name.strip(),
             "lance_mm": lance.shape == (3,) and np.isfinite(lance).all(),
-            "roi": vertices.shape[1:] == (2,)
-            and len(vertices) >= 3
-            and ((vertices >= 0) & (vertices <= self.size)).all(),
+            "roi": len(vertices) >= 3 and inside,
             "flame_roi": 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns,
         }
-        for key, good in fits.items():
-            if not good:
-                value = getattr(self, key)
-                raise InputError(f"{where}, {key}: {value!r} does not fit {rows} x {columns} px.")
+        if wrong := [key for key, good in fits.items() if not good]:
+            fault = f"{getattr(self, wrong[0])!r} does not fit {rows} x {columns} px"
+            raise InputError(f"{where}, {wrong[0]}: {fault}.")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -79,15 +79,13 @@ class StoredRecording:
         array, folder = self.arrays[name], self.path / name / "c" / str(t)
         if n == 0:
             return np.empty((0, array.shape[2]), array.dtype)
-        chunks, fault = 1 if n is None else -(-n // array.chunks[1]), "missing"
-        if all((folder / str(k) / "0").is_file() for k in range(chunks)):  # else zarr gives zeros
+        chunks, fault = range(1 if n is None else -(-n // array.chunks[1])), "missing"
+        if all((folder / str(k) / "0").is_file() for k in chunks):  # else zarr gives zeros
             try:
                 return np.asarray(array[t, :n])
             except (RuntimeError, ValueError, OSError):  # what codecs raise on broken bytes
                 fault = "damaged"
-        raise InputError(
-            f"{self.path}, frame {t}: its {name} is {fault}. Import or export it again."
-        )
+        raise InputError(f"{self.path}, frame {t}: its {name} is {fault}. Write it again.")
 
     def truth(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the truth by name; none for a recording of a real kiln."""
@@ -126,18 +124,15 @@ def open_recording(path: Path | str) -> StoredRecording:
         fault = "its writing was cut off" if cut else "there is no recording"
         raise InputError(f"{path}: {fault}. Give what kilnflight import or export wrote, or files.")
     try:
-        group = zarr.open_group(path, mode="r")
+        group: Any = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
         if attributes.pop("format", None) != FORMAT:
             raise InputError(f"a Zarr group, but not a {FORMAT}")
-        per_frame = {name: np.asarray(_array(group, name)[:]) for name in PER_FRAME}
-        arrays = {name: _array(group, name) for name in KINDS}
+        per_frame = {name: np.asarray(group[name][:]) for name in PER_FRAME}
+        arrays = {name: group[name] for name in KINDS}
         return StoredRecording(path, Attributes.from_json(attributes), arrays, per_frame)
     except (KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
-        raise InputError(
-            f"{path}: damaged recording ({type(error).__name__}: {error}). Import or export it "
-            "again."
-        ) from error
+        raise InputError(f"{path}: damaged recording ({type(error).__name__}: {error}).") from error
 
 
 def write_recording(
@@ -208,19 +203,15 @@ def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
     return group
 
 
-def _write_frame(group: zarr.Group, position: int, frame: Frame) -> None:
+def _write_frame(group: Any, position: int, frame: Frame) -> None:
     n = len(frame.xyz)
     with zarr.config.set({"array.write_empty_chunks": True}):  # no file then means damage
-        _array(group, "gray")[position] = frame.gray
+        group["gray"][position] = frame.gray
         if n:
-            _array(group, "pixels")[position, :n] = frame.pixels
-            _array(group, "xyz")[position, :n] = frame.xyz
+            group["pixels"][position, :n] = frame.pixels
+            group["xyz"][position, :n] = frame.xyz
         if frame.labels is not None:
-            _array(group, "labels")[position] = frame.labels
-
-
-def _array(group: zarr.Group, name: str) -> Any:
-    return group[name]
+            group["labels"][position] = frame.labels
 
 
 def summarise_recording(recording: Recording) -> pd.DataFrame:
@@ -235,23 +226,27 @@ def summarise_recording(recording: Recording) -> pd.DataFrame:
             labels += np.bincount(frame.labels.ravel(), minlength=len(LABELS))
     table = pd.DataFrame(rows, columns=["low", "top", "at_top", "points", "near", "far"])
     top, points, pixels = int(table["top"].max()), table["points"], len(rows) * gray.size
+    saturated = table.loc[table["top"] == top, "at_top"].sum() / pixels
     facts = [
         ("recording", attributes.name),
         ("frames", f"{len(rows)} of {attributes.rows} x {attributes.columns} pixels"),
         *(("", note) for note in attributes.notes),
         ("gray", f"{table['low'].min()} to {top} ({top.bit_length()} bits)"),
     ]
-    saturated = table.loc[table["top"] == top, "at_top"].sum() / pixels
     if top & (top + 1) == 0 and saturated > 0.001:  # all bits of the largest are 1
         facts.append(("warning", f"{100 * saturated:.2f} % of the pixels are {top}: saturated?"))
     if points.any():
-        near, far, per_frame = table["near"].min(), table["far"].max(), points.describe()
-        facts.append(("points", "{min:g} to {max:g} per frame, median {50%:g}".format(**per_frame)))
-        facts.append(("depth", f"{near:.0f} to {far:.0f} mm, as captured"))
+        near, far, calibration = (
+            table["near"].min(),
+            table["far"].max(),
+            attributes.depth_calibration,
+        )
+        per_frame = "{min:g} to {max:g} per frame, median {50%:g}".format(**points.describe())
         true = "taken as true: no depth_calibration is stated"
-        if calibration := attributes.depth_calibration:
+        if calibration is not None:
             true = "{:.0f} and {:.0f} mm by its depth_calibration".format(*calibration([near, far]))
-        facts.append(("", true))
+        depth = f"{near:.0f} to {far:.0f} mm, as captured"
+        facts += [("points", per_frame), ("depth", depth), ("", true)]
         if (points == 0).any():
             facts.append(("warning", f"{(points == 0).sum()} frames without points"))
         if near < PLAUSIBLE_DEPTH_MM[0] or far > PLAUSIBLE_DEPTH_MM[1]:
