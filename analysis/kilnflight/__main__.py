@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from kilnflight.checks import InputError, check_target
+from kilnflight.checks import InputError
 
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
 
@@ -62,10 +62,9 @@ def _export(options: argparse.Namespace) -> None:
 def _detect(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.recording.files import open_any
-    from kilnflight.recording.track_files import is_parquet, write_table
+    from kilnflight.recording.track_files import check_table_target, write_table
 
-    check_target(options.table)
-    is_parquet(options.table)  # a wrong name is told before the work
+    check_table_target(options.table)
     recording = open_any(options.recording)
     for note in recording.attributes.notes:
         print(f"note: {note}")
@@ -78,12 +77,10 @@ def _detect(options: argparse.Namespace) -> None:
 def _track(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.association import GNN, JPDA
-    from kilnflight.recording.track_files import is_parquet, read_table, write_table
+    from kilnflight.recording.track_files import check_table_target, read_table, write_table
     from kilnflight.tracklets import tracked
 
-    check_target(options.tracks)
-    if options.format == "csv":
-        is_parquet(options.tracks)
+    check_table_target(options.tracks, options.format)
     detections = read_table(options.detections)
     tracks = run.track_detections(detections, JPDA() if options.jpda else GNN(), options.raw)
     write_table(tracks, options.tracks, options.format)
@@ -157,19 +154,16 @@ def _parser() -> argparse.ArgumentParser:
     add("info", _info, "read every frame and print what a recording holds")
 
     argument = add("run", _run, "all steps from a recording to flights, and a report")
-    target = "folder of tables and report; a stopped run goes on there (default: <PATH>-run)"
-    argument("--to", type=Path, metavar="DIR", help=target)
+    argument("--to", type=Path, metavar="DIR", help="of the results; a stopped run goes on there")
     argument("--threshold", type=float, metavar="GREY", help=grey)
-    lance = "outlet of the lance, mm as captured (default: as recorded)"
-    argument("--exit-point", metavar="x,y,z", help=lance)
+    argument("--exit-point", metavar="x,y,z", help="outlet of the lance, mm as captured")
     axis = "largest distance from the kiln's axis of a particle in the air (default: 800)"
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)
-    burning = "grey value that only burning particles reach: alight when first seen (default: none)"
-    argument("--bright", type=float, metavar="GREY", help=burning)
-    above = "find ignition above the background (default: in the grey values as they are)"
-    argument("--above-background", action="store_true", help=above)
-    air = "velocity of the lance's air; what is over twice as fast is refused (default: 16)"
-    argument("--air", type=float, default=16.0, metavar="M/S", help=air)
+    argument("--bright", type=float, metavar="GREY", help="value that only burning particles reach")
+    argument("--above-background", action="store_true", help="find ignition above the background")
+    argument(
+        "--air", type=float, default=16.0, metavar="M/S", help="air of the lance (default: 16)"
+    )
     argument("--jobs", type=int, default=1, help="processes side by side (default: 1)")
     argument("--scheduler", metavar="ADDRESS", help="Dask cluster that detects in their place")
 

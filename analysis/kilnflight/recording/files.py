@@ -63,7 +63,6 @@ from __future__ import annotations
 import glob
 import hashlib
 import logging
-import math
 import os
 import re
 import struct
@@ -96,10 +95,8 @@ COLOURS = ("red", "green", "blue")
 GRAY_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
 # What the libraries raise on files that are cut, damaged or of another kind.
-UNREADABLE = (
-    *(EOFError, LookupError, OSError, RuntimeError, ValueError),
-    *(MatReadError, struct.error, zipfile.BadZipFile, zlib.error),
-)
+ODD = (MatReadError, struct.error, zipfile.BadZipFile, zlib.error)
+UNREADABLE = (EOFError, LookupError, OSError, RuntimeError, ValueError, *ODD)
 
 Anything = npt.NDArray[Any]
 Channel = str | int | None
@@ -321,9 +318,8 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
         found = re.search(rule, str(path)) if len(parts) > 1 else re.search(r"(\d+)\D*$", path.stem)
         number = int(found.groups()[-1]) if found else -1
         if number in files or number < 0:
-            other = f", as {files[number].name}" if number in files else ""
             rule = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
-            raise InputError(f"{path}: is frame {number}{other}. {rule}.")
+            raise InputError(f"{path}: has no number, or that of another file ({number}). {rule}.")
         files[number] = path
     if not files:
         raise InputError(f"{whole}: no file fits the pattern, or none is a picture.")
@@ -351,7 +347,7 @@ class Film:
     def __init__(self, path: Path) -> None:
         self.files, self._capture, self._next = [path], cv2.VideoCapture(str(path)), 0
         rate = self._capture.get(cv2.CAP_PROP_FPS)
-        self.frame_rate_hz = rate if 0 < rate < math.inf else 1.0
+        self.frame_rate_hz = rate if 0 < rate < 1e9 else 1.0
         while self._capture.grab():  # the header may announce another length
             self._next += 1
         self._length = self._next
@@ -403,12 +399,11 @@ def read_array(path: Path, key: Channel = None, stack: bool = False) -> Anything
         if ending == ".npz":
             with path.open("rb") as opened:
                 return _chosen(np.load(opened), key)
-        if ending == ".mat" and not h5py.is_hdf5(path):
-            return _chosen(scipy.io.loadmat(path), key)
-        if ending in (".h5", ".hdf5", ".mat"):
+        if ending in (".h5", ".hdf5", ".mat") and h5py.is_hdf5(path):
             with h5py.File(path) as file:
-                array = _chosen(file, key)
-            return array.T if ending == ".mat" else array
+                return _chosen(file, key).T if ending == ".mat" else _chosen(file, key)
+        if ending == ".mat":
+            return _chosen(scipy.io.loadmat(path), key)
         raise ValueError("this kind of file is not known; convert it")
     except UNREADABLE as error:
         reason = " ".join(str(error).split()) or "cut off"
@@ -487,11 +482,8 @@ def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Picture]
     labels = np.full(size, 255, np.uint8)
     for theirs, ours in part.classes.items():
         labels[image == int(theirs)] = ours
-    if (labels == 255).any():
-        row, col = np.argwhere(labels == 255)[0]
-        raise InputError(
-            f"{path}: class {image[row, col]} at row {row}, col {col} is not in classes."
-        )
+    if (unknown := image[labels == 255]).size:
+        raise InputError(f"{path}: class {unknown[0]} is not in classes. Add it.")
     return {"labels": labels}
 
 

@@ -35,16 +35,17 @@ UNITS = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(pixel)
 
 
 def is_parquet(path: Path) -> bool:
-    """Return whether a table is Parquet by its name, or CSV.
-
-    Examples
-    --------
-    >>> is_parquet(Path("found.parquet"))
-    True
-    """
+    """Return whether a table is Parquet by its name, or CSV; an `InputError` for other names."""
     if path.suffix.lower() not in ("", ".csv", ".txt", ".parquet"):
         raise InputError(f"{path}: name a table .csv or .parquet.")
     return path.suffix.lower() == ".parquet"
+
+
+def check_table_target(path: Path, form: str = "csv") -> None:
+    """Raise an `InputError` unless a table can get this name in a folder that exists."""
+    check_target(path)
+    if form == "csv":
+        is_parquet(path)
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -59,27 +60,23 @@ def read_table(path: Path) -> pd.DataFrame:
 
 def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     """Write a table whole or not at all; forms other than csv take tracks."""
-    check_target(path)
-    content = None
+    check_table_target(path, form)
     if form == "csv":
         content = table.to_parquet() if is_parquet(path) else table.to_csv(index=False).encode()
-    else:
-        check_columns(table, ["frame", "particle", "row", "col"], "tracks")
-        tracks = table[table["particle"] >= 0].sort_values(["particle", "frame"], ignore_index=True)
-        tracks = tracks.astype({"frame": int, "particle": int})
-        if form in ("challenge", "trackmate"):
-            spots = range(len(tracks))
-            labels = [f"ID{spot}" for spot in spots]
-            tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=spots, label=labels)
-        columns = FORMATS[form]
-        tracks = tracks[[name for name in columns if name in tracks]].rename(columns=columns)
-        text = tracks.to_csv(index=False, lineterminator="\n")
-        if form == "challenge":
-            text = _xml(tracks)
-        elif form == "trackmate":
-            text = text.replace("\n", f"\n{UNITS}", 1)
-        content = text.encode()
-    write_whole(path, content)
+        write_whole(path, content)
+        return
+    check_columns(table, ["frame", "particle", "row", "col"], "tracks")
+    tracks = table[table["particle"] >= 0].sort_values(["particle", "frame"], ignore_index=True)
+    tracks = tracks.astype({"frame": int, "particle": int})
+    if form in ("challenge", "trackmate"):
+        labels = [f"ID{spot}" for spot in tracks.index]
+        tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=tracks.index, label=labels)
+    columns = FORMATS[form]
+    tracks = tracks[[name for name in columns if name in tracks]].rename(columns=columns)
+    text = _xml(tracks) if form == "challenge" else tracks.to_csv(index=False, lineterminator="\n")
+    if form == "trackmate":
+        text = text.replace("\n", f"\n{UNITS}", 1)
+    write_whole(path, text.encode())
 
 
 def _xml(tracks: pd.DataFrame) -> str:
