@@ -70,8 +70,7 @@ def _detect(options: argparse.Namespace) -> None:
         print(f"note: {note}")
     table = run.detect(recording, options.threshold, progress=True)
     write_table(table, options.table)
-    where = f"{len(recording)} frames of {recording.attributes.name}: {options.table}"
-    print(f"{len(table)} detections in {where}")
+    print(f"{len(table)} detections in {len(recording)} frames: {options.table}")
 
 
 def _track(options: argparse.Namespace) -> None:
@@ -84,9 +83,9 @@ def _track(options: argparse.Namespace) -> None:
     detections = read_table(options.detections)
     tracks = run.track_detections(detections, JPDA() if options.jpda else GNN(), options.raw)
     write_table(tracks, options.tracks, options.format)
-    linked = tracked(tracks)
-    counts = f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)}"
-    print(f"{counts} detections: {options.tracks}")
+    linked, all_rows = tracked(tracks)["particle"], len(tracks)
+    counts = f"{linked.nunique()} tracks with {len(linked)} of {all_rows} detections"
+    print(f"{counts}: {options.tracks}")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -94,7 +93,7 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.project.parallel import Workers
 
     lance = _point(options.exit_point) if options.exit_point else None
-    rules = options.in_air, options.bright, options.above_background, options.air
+    rules = options.in_air, options.bright, options.above_background, options.air, options.dark
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
     settings = run.Options(options.threshold, lance, *rules)
     run.run_recording(Path(options.recording), options.to, settings, workers)
@@ -156,6 +155,7 @@ def _parser() -> argparse.ArgumentParser:
     argument = add("run", _run, "all steps from a recording to flights, and a report")
     argument("--to", type=Path, metavar="DIR", help="of the results; a stopped run goes on there")
     argument("--threshold", type=float, metavar="GREY", help=grey)
+    argument("--dark", action="store_true", help="particles are darker than the background")
     argument("--exit-point", metavar="x,y,z", help="outlet of the lance, mm as captured")
     axis = "largest distance from the kiln's axis of a particle in the air (default: 800)"
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)
