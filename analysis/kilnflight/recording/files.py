@@ -78,20 +78,20 @@ from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_columns, check_shape, known_numbers
 from kilnflight.recording.frames import Attributes, Frame, Recording, check_frame, check_position
 from kilnflight.recording.pictures import (
-    COLOURS,
+    CHANNELS,
     FILMS,
     PICTURES,
     TIFFS,
     Anything,
     Channel,
     Film,
-    Pictures,
+    PictureFiles,
     channel_position,
     read_array,
 )
 from kilnflight.recording.store import open_recording, summarise_recording, write_recording
 
-GRAY_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
+SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
 
 
@@ -159,7 +159,7 @@ class FileRecording:
         check_shape(image, self.attributes.size, where)
         if self.scale is not None:
             image = np.rint((image.astype(np.float64) - self.scale[0]) * self.scale[1])
-        elif not (image.dtype in GRAY_TYPES or _is_gray(image)):
+        elif not (image.dtype in SMALL_TYPES or _is_gray(image)):
             raise InputError(f"{where}: its values are not whole numbers from 0 to {WHITE}.")
         return np.ascontiguousarray(image, np.uint16)
 
@@ -240,11 +240,11 @@ def _recording(
         position, colours = channel_position(channel, first.shape[2], where), first[..., :3]
         if channel is None and (colours != colours[..., :1]).any():
             position = int(colours.mean(axis=(0, 1)).argmax())
-            notes.append(f"coloured pictures: channel {COLOURS[position]}, the brightest, is used")
+            notes.append(f"coloured pictures: channel {CHANNELS[position]}, the brightest, is used")
     if missing := numbers[-1] - numbers[0] + 1 - len(numbers):
         notes.append(f"{missing} of the frames {numbers[0]} to {numbers[-1]} are missing")
     first = _one_channel(first, position, where)
-    if first.dtype not in GRAY_TYPES:
+    if first.dtype not in SMALL_TYPES:
         ends, fits = [], True
         for t, number in enumerate(numbers):
             image = _one_channel(images[t], position, f"{where}, frame {number}")
@@ -281,8 +281,8 @@ def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
     path, ending = folder / part.pattern, Path(part.pattern).suffix.lower()
     if not path.is_file():
         found = _numbered(part.pattern, folder)
-        return Pictures(list(found.values()), part.key), list(found)
-    images: Any = Film(path) if ending in FILMS else Pictures([path])
+        return PictureFiles(list(found.values()), part.key), list(found)
+    images: Any = Film(path) if ending in FILMS else PictureFiles([path])
     if ending not in FILMS + PICTURES:
         images = read_array(path, part.channel if ending in TIFFS else part.key, stack=True)
     return images, range(len(images))

@@ -29,7 +29,7 @@ from kilnflight.checks import InputError
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".jpeg", ".jpg", ".png")
-COLOURS = ("red", "green", "blue")
+CHANNELS = ("red", "green", "blue")
 # What the libraries raise on files that are cut, damaged or of another kind.
 ODD = (MatReadError, struct.error, zipfile.BadZipFile, zlib.error)
 UNREADABLE = (EOFError, LookupError, OSError, RuntimeError, ValueError, *ODD)
@@ -42,14 +42,14 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what 
 
 def channel_position(channel: Channel, count: int, where: str) -> int:
     """Return the position of a channel on an axis of ``count``."""
-    position = COLOURS.index(channel) if channel in COLOURS else channel or 0
+    position = CHANNELS.index(channel) if channel in CHANNELS else channel or 0
     if position not in range(count):
         raise InputError(f"{where}: channel {channel!r} is not there; there are {count}.")
     return int(position)
 
 
 @dataclass(frozen=True)
-class Pictures:
+class PictureFiles:
     """Pictures in one file each."""
 
     files: Sequence[Path]

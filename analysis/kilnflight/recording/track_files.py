@@ -31,7 +31,7 @@ TRACKMATE = {"label": "LABEL", "spot": "ID", "particle": "TRACK_ID", "col": "POS
 TRACKMATE |= {"row": "POSITION_Y", "plane": "POSITION_Z", "frame": "FRAME"}
 FORMATS = {"challenge": CHALLENGE, "napari": NAPARI, "trackmate": TRACKMATE, "trackpy": TRACKPY}
 # Since TrackMate 7 three lines follow the names: long names, short names, units.
-UNITS = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(pixel),\n"
+SPOT_LINES = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(pixel),\n"
 
 
 def is_parquet(path: Path) -> bool:
@@ -75,7 +75,7 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     tracks = tracks[[name for name in columns if name in tracks]].rename(columns=columns)
     text = _xml(tracks) if form == "challenge" else tracks.to_csv(index=False, lineterminator="\n")
     if form == "trackmate":
-        text = text.replace("\n", f"\n{UNITS}", 1)
+        text = text.replace("\n", f"\n{SPOT_LINES}", 1)
     write_whole(path, text.encode())
 
 
