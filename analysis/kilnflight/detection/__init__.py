@@ -31,7 +31,6 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Array, Index
 from kilnflight.detection.dbscan import DBSCAN
-from kilnflight.detection.dbscan import ScikitDBSCAN as ScikitDBSCAN
 from kilnflight.detection.dbscan import k_distances as k_distances
 from kilnflight.detection.morphology import MorphologicalClustering
 from kilnflight.detection.otsu import Otsu

@@ -7,22 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from numba import njit, types
 from numba.typed import Dict
 from scipy.spatial import cKDTree
 
-from kilnflight.checks import check_at_least, check_count
-from kilnflight.detection.dbscan import (
-    NOISE,
-    check_points_mm,
-    numbered_by_first_point,
-    root_of,
-    unite,
-)
-
-Array = npt.NDArray[np.float64]
-ROUNDING = 1e-12  # relative; distances as near as that may be equal
-CHUNK = 20_000  # points whose neighbours are searched at a time, to save memory
+from kilnflight.arrays import Array, Index
+from kilnflight.checks import check_number
+from kilnflight.detection.dbscan import NOISE, check_points_mm
 
 
 @dataclass(frozen=True)
@@ -71,11 +63,10 @@ class QuasiClusterCenters:
     alpha: float = 0.1  # share of k, best F1 of Table 5.10
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        check_count(self.k, "QuasiClusterCenters: k")
-        check_at_least(self.alpha, 0, "QuasiClusterCenters: alpha")
+        check_number(self.k, "QuasiClusterCenters: k", least=1, whole=True)
+        check_number(self.alpha, "QuasiClusterCenters: alpha", least=0)
 
-    def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
+    def __call__(self, points: npt.ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm; noise is -1.
 
         Clusters are numbered in the order of their first point.
@@ -88,59 +79,52 @@ class QuasiClusterCenters:
         cloud = check_points_mm(points, "QuasiClusterCenters: points")
         return self.spread(cloud, nearest_neighbors(cloud, int(self.k)))
 
-    def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
-        """Return the clusters of a cloud (n, 3) of which `nearest_neighbors` are known.
+    def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> Index:
+        """Return the clusters of a cloud (n, 3) with known `nearest_neighbors`.
 
-        They may be more than ``k``: several settings share one search.
+        There may be more than ``k`` neighbours: several settings share one search.
         """
         count, k = len(cloud), int(self.k)
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
         squares = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
-        centers, levels = _centers(neighbors, squares)
         dense_first = np.argsort(squares, kind="stable")
-        graph = Graph(neighbors, squares, dense_first, centers, levels)
+        graph = _Graph(neighbors, squares, dense_first, *_centers(neighbors, squares))
         clusters = np.arange(count)  # of a centre: the centre its cluster is merged into
-        chains = _spread(graph, clusters, self.alpha)
-        while _merge(chains, levels, clusters, k, self.alpha):
+        heads, chains = _spread(graph, clusters, self.alpha)
+        while _merge(heads[graph.levels], chains, clusters, k, self.alpha):
             pass
-        labels = _choose(graph, chains, clusters)
+        labels = _choose(graph, heads, chains, clusters)
         labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
-        return numbered_by_first_point(labels)
+        kept = labels != NOISE
+        labels[kept] = pd.factorize(labels[kept])[0]
+        return np.asarray(labels)
 
 
 def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
     """Return the nearest points (n, k), the nearest first; fewer if there are no more.
 
     None is its own neighbour. Equally distant points stand in the order of the cloud. So the first
-    columns are what a search for fewer neighbours gives.
+    columns are those of a search for fewer neighbours.
     """
     k = min(k, max(len(cloud) - 1, 0))
     nearest = np.empty((len(cloud), k), np.int32)
     if not k:
         return nearest
     tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
-    for start in range(0, len(cloud), CHUNK):
-        rows = np.arange(start, min(start + CHUNK, len(cloud)))
+    for rows in np.split(np.arange(len(cloud)), range(20_000, len(cloud), 20_000)):  # saves memory
         distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
-        close = np.diff(distances, axis=1) <= ROUNDING * distances[:, 1:]
-        tied = np.flatnonzero(close.any(axis=1))  # these are put into the order of the cloud
-        apart = ((cloud[indices[tied]] - cloud[rows[tied], None]) ** 2).sum(axis=2)
-        apart[indices[tied] == rows[tied, None]] = -1.0
-        order = np.lexsort((indices[tied], apart), axis=1)
-        indices[tied] = np.take_along_axis(indices[tied], order, axis=1)
-        nearest[rows] = indices[:, 1 : k + 1]
-        unsure = (indices[:, 0] != rows) | close[:, -1] & (many > k + 1)
-        for row in np.flatnonzero(unsure):
-            around = tree.query_ball_point(cloud[rows[row]], distances[row, -1] * (1 + 1e-9))
-            others = np.setdiff1d(around, rows[row])
-            squares = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
-            nearest[rows[row]] = others[np.argsort(squares, kind="stable")[:k]]
+        nearest[rows] = indices[:, 1 : k + 1]  # anew where distances may be equal
+        tied = (np.diff(distances, axis=1) <= 1e-12 * distances[:, 1:]).any(axis=1)
+        for row, reach in zip(rows[tied], distances[tied, -1], strict=True):
+            others = np.setdiff1d(tree.query_ball_point(cloud[row], reach * (1 + 1e-9)), row)
+            squares = ((cloud[others] - cloud[row]) ** 2).sum(axis=1)
+            nearest[row] = others[np.argsort(squares, kind="stable")[:k]]
     return nearest
 
 
-class Graph(NamedTuple):
+class _Graph(NamedTuple):
     """Points with their neighbours and densities."""
 
     neighbors: Any  # (n, k) points
@@ -148,6 +132,23 @@ class Graph(NamedTuple):
     dense_first: Any  # (n,) points, the densest first
     centers: Any  # (n,) whether a point is a centre
     levels: Any  # (n,) numbers; points of equal density that reach each other share one
+
+
+@njit(cache=True)
+def _root(parents: Any, member: int) -> int:
+    """Return the root of a member's set, halving the way to it."""
+    while parents[member] != member:
+        parents[member] = parents[parents[member]]
+        member = parents[member]
+    return member
+
+
+@njit(cache=True)
+def _unite(parents: Any, member: int, other: int) -> bool:
+    """Join two sets under the lower root; return whether they differed."""
+    first, second = _root(parents, member), _root(parents, other)
+    parents[max(first, second)] = min(first, second)
+    return first != second
 
 
 @njit(cache=True)
@@ -164,41 +165,23 @@ def _centers(neighbors: Any, squares: Any) -> Any:
             if squares[j] > squares[i]:
                 centers[j] = False
             elif squares[j] == squares[i]:
-                unite(levels, i, j)
+                _unite(levels, i, j)
     for i in range(len(squares)):
-        levels[i] = root_of(levels, i)
+        levels[i] = _root(levels, i)
     return centers, levels
 
 
-class Chains(NamedTuple):
-    """Clusters that reach each level, as linked lists; -1 ends a list."""
-
-    heads: Any  # (levels,) first entry of each level
-    values: Any  # cluster of each entry
-    following: Any  # next entry of the same level
-
-
 @njit(cache=True)
-def _gather(start: int, chains: Chains, clusters: Any, members: Any) -> int:
+def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
     """Write a chain's clusters into ``members``; return their number."""
     count = 0
-    while start >= 0:
-        cluster = root_of(clusters, chains.values[start])
+    while entry >= 0:
+        cluster = _root(clusters, chains[entry, 0])
         if cluster not in members[:count]:
             members[count] = cluster
             count += 1
-        start = chains.following[start]
+        entry = chains[entry, 1]
     return count
-
-
-@njit(cache=True)
-def _holds(start: int, chains: Chains, clusters: Any, cluster: int) -> bool:
-    """Return whether a chain contains a cluster."""
-    while start >= 0:
-        if root_of(clusters, chains.values[start]) == cluster:
-            return True
-        start = chains.following[start]
-    return False
 
 
 @njit(cache=True)
@@ -211,79 +194,72 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
             pair = low * len(clusters) + high
             shared[pair] = shared.get(pair, 0) + 1
             if shared[pair] / k > alpha:  # Eq. 2.41
-                merged |= unite(clusters, low, high)
+                merged |= _unite(clusters, low, high)
     return merged
 
 
 @njit(cache=True)
-def _spread(graph: Graph, clusters: Any, alpha: float) -> Chains:
-    """Return the chains of the clusters that reach each level.
+def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
+    """Return the clusters that reach each level, as linked lists.
 
-    The densest points hand on their clusters first. Clusters are merged as soon as enough shared
-    points are counted, which keeps chains short. This is never too early, as a merged cluster
+    The lists are the first entry of each level (-1: none) and entries of a cluster and the next
+    entry. Clusters spread in order of decreasing density. They are merged as soon as enough shared
+    points are counted, which keeps the lists short. This is never too early, as a merged cluster
     shares no fewer points than its parts. `_merge` finds the rest.
     """
     squares, levels, (count, k) = graph.squares, graph.levels, graph.neighbors.shape
-    chains = Chains(
-        np.full(count, -1), np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
-    )
-    heads, used = chains.heads, 0
+    heads, chains, used = np.full(count, -1), np.empty((2 * count, 2), np.int64), 0
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     sizes = np.bincount(levels)
     for i in np.flatnonzero(graph.centers):
         level = levels[i]
         if heads[level] >= 0 and sizes[level] / k > alpha:
-            unite(clusters, int(i), chains.values[heads[level]])  # they share at least the level
+            _unite(clusters, int(i), chains[heads[level], 0])  # they share at least the level
         else:
-            chains.values[used], chains.following[used] = i, heads[level]
+            chains[used, 0], chains[used, 1] = i, heads[level]
             heads[level] = used
             used += 1
     for i in graph.dense_first:
         count = _gather(heads[levels[i]], chains, clusters, members)
-        if count > 1:
-            _share(members[:count], clusters, shared, k, alpha)
-        if used + count * k > len(chains.values):
-            values = np.concatenate((chains.values, np.empty_like(chains.values)))
-            following = np.concatenate((chains.following, np.empty_like(chains.following)))
-            chains = Chains(heads, values, following)
+        _share(members[:count], clusters, shared, k, alpha)
+        if used + count * k > len(chains):
+            chains = np.concatenate((chains, np.empty_like(chains)))
         for j in graph.neighbors[i]:
             if squares[j] > squares[i]:
                 for cluster in members[:count]:
-                    root = root_of(clusters, cluster)
-                    if not _holds(heads[levels[j]], chains, clusters, root):
-                        chains.values[used], chains.following[used] = root, heads[levels[j]]
+                    root, entry = _root(clusters, cluster), heads[levels[j]]
+                    while entry >= 0 and _root(clusters, chains[entry, 0]) != root:
+                        entry = chains[entry, 1]
+                    if entry < 0:
+                        chains[used, 0], chains[used, 1] = root, heads[levels[j]]
                         heads[levels[j]] = used
                         used += 1
-    return chains
+    return heads, chains
 
 
 @njit(cache=True)
-def _merge(chains: Chains, levels: Any, clusters: Any, k: int, alpha: float) -> bool:
+def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bool:
     """Merge clusters that share too many points; return whether any did."""
-    members = np.empty(len(levels), np.int64)
+    members = np.empty(len(entries), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     merged = False
-    for level in levels:
-        count = _gather(chains.heads[level], chains, clusters, members)
-        if count > 1:
-            merged |= _share(members[:count], clusters, shared, k, alpha)
+    for entry in entries:  # of each point
+        count = _gather(entry, chains, clusters, members)
+        merged |= _share(members[:count], clusters, shared, k, alpha)
     return merged
 
 
 @njit(cache=True)
-def _choose(graph: Graph, chains: Chains, clusters: Any) -> Any:
-    """Return the cluster of each point.
-
-    A point in several clusters takes that of its exemplar.
-    """
+def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
+    """Return the cluster of each point; of several, that of its exemplar."""
     squares = graph.squares
     labels = np.full(len(squares), NOISE)
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     for i in graph.dense_first:
-        count = _gather(chains.heads[graph.levels[i]], chains, clusters, members)
+        count = _gather(heads[graph.levels[i]], chains, clusters, members)
         if graph.centers[i]:
-            labels[i] = root_of(clusters, i)
+            labels[i] = _root(clusters, i)
         elif count == 1:
             labels[i] = members[0]
         else:
