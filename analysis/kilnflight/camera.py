@@ -21,10 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
-from kilnflight.checks import InputError, check_count, check_finite, check_shape
-
-Array = npt.NDArray[np.float64]
-Corners = tuple[tuple[float, float], ...]
+from kilnflight.arrays import Array, Flags, Index
+from kilnflight.checks import InputError, check_finite, check_shape
 
 
 @dataclass(frozen=True)
@@ -47,19 +45,14 @@ class DepthCalibration:
     closed_left: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse breakpoints that descend or do not fit the polynomials."""
-        if any(high <= low for low, high in pairwise(self.breakpoints_mm)):
-            raise InputError(f"breakpoints {self.breakpoints_mm} do not ascend; sort them.")
-        if len(self.coefficients) != len(self.breakpoints_mm) + 1:
-            raise InputError(
-                f"{len(self.breakpoints_mm)} breakpoints make {len(self.breakpoints_mm) + 1} "
-                f"segments, but there are {len(self.coefficients)} polynomials."
-            )
         check_finite(np.concatenate([self.breakpoints_mm, *self.coefficients]), "depth calibration")
+        ascending = all(low < high for low, high in pairwise(self.breakpoints_mm))
+        if not ascending or len(self.coefficients) != len(self.breakpoints_mm) + 1:
+            raise InputError("depth calibration: breakpoints ascend, one fewer than polynomials.")
 
     @classmethod
     def from_table(cls, pairs: npt.ArrayLike) -> Self:
-        """Return straight lines between measured depths; the outer ones go on beyond.
+        """Return straight lines between measured depths, extended beyond the outer ones.
 
         Parameters
         ----------
@@ -69,7 +62,7 @@ class DepthCalibration:
         Raises
         ------
         InputError
-            If there are fewer than two, or the true depth does not grow with the captured one.
+            If there are fewer than two, or the true depth does not increase with the captured one.
         """
         table = check_finite(pairs, "depth table")
         check_shape(table, (None, 2), "depth table")
@@ -77,14 +70,13 @@ class DepthCalibration:
         steps = np.diff(table, axis=0)
         if len(steps) < 1 or (steps <= 0).any():
             raise InputError(
-                "depth table: give two or more pairs (captured, true) in mm, the true depth "
-                "growing with the captured one."
+                "depth table: give two or more pairs (captured, true), both ascending."
             )
         slopes = steps[:, 1] / steps[:, 0]
         lines = np.column_stack([slopes, table[:-1, 1] - slopes * table[:-1, 0]])
         return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
 
-    def segment(self, captured_mm: npt.ArrayLike) -> npt.NDArray[np.intp]:
+    def segment(self, captured_mm: npt.ArrayLike) -> Index:
         """Return the segment of each captured depth."""
         depth = np.asarray(captured_mm, dtype=np.float64)
         closed = self.closed_left or (True,) * len(self.breakpoints_mm)
@@ -96,8 +88,7 @@ class DepthCalibration:
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
         """Return the calibrated depth in mm, in the shape of the input."""
         depth = check_finite(captured_mm, "captured depth")
-        segment = self.segment(depth)
-        segments = [segment == index for index in range(len(self.coefficients))]
+        segments = [self.segment(depth) == index for index in range(len(self.coefficients))]
         polynomials = [np.poly1d(powers) for powers in self.coefficients]
         return np.asarray(np.piecewise(depth, segments, polynomials))
 
@@ -107,11 +98,10 @@ class DepthCalibration:
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
     def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
-        """Return the captured depths at which the calibrated depth falls.
+        """Return the captured depths in mm at which the calibrated depth falls, (n,).
 
-        They lie between ``low_mm`` and ``high_mm``. A calibration that falls gives two particles
-        in the wrong order of depth. The slope is evaluated on a grid; jumps are reported by
-        `jumps`.
+        They lie between ``low_mm`` and ``high_mm``, on a grid. A calibration that falls gives two
+        particles in the wrong order of depth. Jumps are reported by `jumps`.
         """
         depth = np.arange(low_mm, high_mm, step_mm)
         slopes = np.stack([np.polyval(np.polyder(np.array(c)), depth) for c in self.coefficients])
@@ -129,7 +119,7 @@ EQUATION_2_4 = DepthCalibration(
     closed_left=(True, False),
 )
 
-CALIBRATIONS = {"none": None, "zhang-2023": EQUATION_2_4}  # what a recording can name
+_BY_NAME = {"none": None, "zhang-2023": EQUATION_2_4}  # in a recording
 
 # The plate stood at 1 m to 11 m; beyond them Eq. 2.4 extrapolates.
 PLATE_DISTANCES_MM = tuple(1000.0 * metre for metre in range(1, 12))
@@ -152,8 +142,8 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
     """
     if stated is None or isinstance(stated, DepthCalibration):
         return stated
-    if isinstance(stated, str) and stated in CALIBRATIONS:
-        return CALIBRATIONS[stated]
+    if isinstance(stated, str) and stated in _BY_NAME:
+        return _BY_NAME[stated]
     if isinstance(stated, list | tuple):
         return DepthCalibration.from_table(stated)
     try:
@@ -162,7 +152,7 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
         return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
     except (TypeError, KeyError, AttributeError):
         raise InputError(
-            f"depth_calibration is {stated!r}; expected one of {', '.join(CALIBRATIONS)}, pairs "
+            f"depth_calibration: {stated!r}, expected one of {', '.join(_BY_NAME)}, pairs "
             "[captured, true] in mm, or breakpoints_mm with coefficients."
         ) from None
 
@@ -196,44 +186,23 @@ def calibrate_depth(z: npt.ArrayLike) -> Array:
 
 
 def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4) -> list[float]:
-    """Return the captured depths of a true depth, ascending.
+    """Return the captured depths of a true depth in mm, ascending.
 
     Eq. 2.4 is not one to one: a true depth of 3 m is reached from 2065 and 3118 mm.
     """
-    solutions = _solutions(np.array([float(true_mm)]), calibration)[0]
-    return np.sort(solutions[np.isfinite(solutions)]).tolist()
-
-
-def _solutions(true_mm: Array, calibration: DepthCalibration) -> Array:
-    """Return all captured depths of each true depth (n,), a row each, filled up with NaN."""
-    found = []
+    found: list[float] = []
     for index, coefficients in enumerate(calibration.coefficients):
-        roots = _roots(np.trim_zeros(np.array(coefficients), "f"), true_mm)
-        real = np.where(np.abs(roots.imag) < 1e-9 * np.abs(roots), roots.real, np.nan)
-        here = (real > 0) & (calibration.segment(real) == index)
-        found.append(np.where(here, real, np.nan))
-    return np.concatenate(found, axis=1)
-
-
-def _roots(coefficients: Array, values: Array) -> npt.NDArray[np.complexfloating]:
-    """Return the roots of a polynomial minus each value (n,), a row each.
-
-    They are the eigenvalues of its companion matrix. `numpy.roots` does so for one value at a time,
-    which takes two hundred times as long.
-    """
-    degree = max(len(coefficients) - 1, 0)
-    companion = np.tile(np.eye(degree, k=-1), (len(values), 1, 1))
-    if degree:
-        companion[:, 0] = -coefficients[1:] / coefficients[0]
-        companion[:, 0, -1] = -(coefficients[-1] - values) / coefficients[0]
-    return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128)
+        roots = (np.poly1d(coefficients) - true_mm).roots
+        real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
+        found += real[(real > 0) & (calibration.segment(real) == index)].tolist()
+    return sorted(found)
 
 
 def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4) -> Array:
-    """Return the captured depth of each true depth.
+    """Return the captured depth of each true depth in mm, in the same shape.
 
-    Of several solutions it is the one nearest to the true depth. The text settles the ambiguity
-    likewise ("the median depth from 3 m to 5 m is very close to the actual value").
+    Of several solutions it is the one nearest to the true depth, as in section 2.1.5 ("the median
+    depth from 3 m to 5 m is very close to the actual value").
 
     Raises
     ------
@@ -241,25 +210,19 @@ def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATIO
         If a depth is not finite or no captured depth leads to it.
     """
     true = check_finite(true_mm, "true depth")
-    flat = true.reshape(-1)
-    solutions = _solutions(flat, calibration)
-    apart = np.where(np.isnan(solutions), np.inf, np.abs(solutions - flat[:, None]))
-    if (lost := np.isinf(apart).all(axis=1)).any():
-        missed = flat[lost][0]
-        raise InputError(f"no captured depth gives {missed} mm; the calibration skips it.")
-    nearest = np.argmin(apart, axis=1)
-    return np.asarray(solutions[np.arange(len(flat)), nearest].reshape(true.shape))
+    nearest = []
+    for depth in true.flat:
+        solutions = captured_depths(depth, calibration)
+        if not solutions:
+            raise InputError(f"true depth: no captured depth gives {depth} mm.")
+        nearest.append(solutions[np.argmin(np.abs(np.subtract(solutions, depth)))])
+    return np.reshape(nearest, true.shape)
 
 
 def fit_depth_segments(
-    captured_mm: npt.ArrayLike,
-    true_mm: npt.ArrayLike,
-    breakpoints_mm: tuple[float, ...] = (3000.0, 5000.0),
-    degree: int = 2,
-    *,
-    continuous: bool = False,
+    captured_mm: npt.ArrayLike, true_mm: npt.ArrayLike, *, continuous: bool = False
 ) -> DepthCalibration:
-    """Fit one polynomial per segment of the captured depth, as in Eq. 2.4.
+    """Fit one quadratic per segment of the captured depth, segments as in Eq. 2.4.
 
     Least squares of the true on the captured depth. With ``continuous`` the polynomials
     are fitted together, under the condition that neighbours agree at the breakpoints
@@ -269,10 +232,6 @@ def fit_depth_segments(
     ----------
     captured_mm, true_mm
         Captured depth of plate points and the distance of their plate, (n,) each.
-    breakpoints_mm
-        Borders between segments, ascending; Eq. 2.4 has 3000 and 5000 mm.
-    degree
-        Of every polynomial; Eq. 2.4 has 2.
     continuous
         Whether neighbours must agree at the breakpoints. If not, the result may jump there, as
         Eq. 2.4 does by -356 mm at 3000 mm.
@@ -280,35 +239,29 @@ def fit_depth_segments(
     Raises
     ------
     InputError
-        If the arrays differ in shape, breakpoints do not ascend, or the points do not
-        determine the coefficients (each segment needs ``degree + 1`` different captured
-        depths; fewer with ``continuous``, where the neighbours lend theirs).
+        If the arrays differ in shape or the points do not determine the coefficients. Each
+        segment needs three different captured depths, fewer with ``continuous``.
     """
     captured = check_finite(captured_mm, "captured depth").ravel()
     true = check_finite(true_mm, "true depth").ravel()
     if captured.shape != true.shape:
-        raise InputError(f"{captured.size} captured depths, but {true.size} true ones; pair them.")
-    check_count(degree, "fit_depth_segments: degree", 0)
-    segments, size = len(breakpoints_mm) + 1, degree + 1
-    frame = DepthCalibration(tuple(breakpoints_mm), ((0.0,),) * segments)
+        raise InputError(f"true depth: {true.size} values for {captured.size} captured depths.")
+    breakpoints, segments, size = EQUATION_2_4.breakpoints_mm, 3, 3
     # per point one column of powers for each segment; metres, so that powers stay of one size
-    member = frame.segment(captured)[:, None] == np.arange(segments)
+    segment = DepthCalibration(breakpoints, ((0.0,),) * segments).segment(captured)
+    member = segment[:, None] == np.arange(segments)
     powers = np.vander(captured / 1000.0, size)
     design = (member[:, :, None] * powers[:, None]).reshape(captured.size, -1)
     basis = np.eye(segments * size)
-    if continuous and breakpoints_mm:  # neighbours agree at the breakpoint between them
-        borders = np.vander(np.array(breakpoints_mm) / 1000.0, size)
+    if continuous:  # neighbours agree at the breakpoint between them
+        borders = np.vander(np.array(breakpoints) / 1000.0, size)
         sides = np.eye(segments)[:-1] - np.eye(segments)[1:]
         basis = null_space((sides[:, :, None] * borders[:, None]).reshape(len(borders), -1))
     solution, _, rank, _ = np.linalg.lstsq(design @ basis, true, rcond=None)
     if rank < basis.shape[1]:
-        counts = [len(np.unique(captured[here])) for here in member.T]
-        raise InputError(
-            f"the points do not determine {basis.shape[1]} coefficients: the segments hold "
-            f"{counts} different captured depths. Add plates, lower the degree, or join segments."
-        )
-    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(degree, -1, -1)
-    return DepthCalibration(frame.breakpoints_mm, tuple(tuple(row) for row in fitted.tolist()))
+        raise InputError("captured depth: too few different depths in a segment.")
+    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(size - 1, -1, -1)
+    return DepthCalibration(breakpoints, tuple(tuple(row) for row in fitted.tolist()))
 
 
 def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration | None) -> Array:
@@ -338,10 +291,7 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
     check_shape(points, (None, 3), "captured points")
     depth = points[:, 2:]
     if not (depth > 0).all():
-        raise InputError(
-            f"captured points: point {int(np.argmin(depth))} has depth {depth.min():g} mm; the "
-            "camera sees what is before it (z above 0)."
-        )
+        raise InputError(f"captured points: point {np.argmin(depth)} has depth {depth.min():g} mm.")
     if calibration is None:
         return points
     true = calibration(depth)
@@ -349,13 +299,12 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
         k = int(np.argmin(true))
         raise InputError(
             f"captured points: the recording's depth calibration makes {true[k, 0]:.0f} mm of "
-            f"{depth[k, 0]:.0f} mm. Each camera has its own: state the one of this camera, or "
-            'depth_calibration = "none".'
+            f"{depth[k, 0]:.0f} mm. Each camera has its own: state the one of this camera."
         )
     return points * (true / depth)
 
 
-def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
     """Return whether each pixel lies in a region of interest.
 
     The shape is that of ``row`` and ``col``.
@@ -386,14 +335,8 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> np
     """
     corners = check_finite(polygon, "polygon")
     check_shape(corners, (None, 2), "polygon")
-    different = len(np.unique(corners, axis=0))
-    if different < 3:
-        raise InputError(
-            f"polygon: {different} different corner(s); a region of interest has three or more "
-            "(row, col)."
-        )
-    if np.linalg.matrix_rank(corners - corners[0]) < 2:
-        raise InputError("polygon: its corners are in one line; it encloses nothing.")
+    if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
+        raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
     r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
     contour = corners.astype(np.float32)
     places = zip(r.ravel().tolist(), c.ravel().tolist(), strict=True)
@@ -401,8 +344,11 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> np
     return np.greater_equal(side, 0).reshape(r.shape)
 
 
-def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, columns: int) -> Array:
-    """Return a trapezoid of a picture as a rectangle.
+def wall_profile(picture: npt.ArrayLike, corners: npt.ArrayLike, rows: int = 200) -> Array:
+    """Return the mean of each row of an equalised trapezoid, (rows,), the far end first.
+
+    Rows are evenly spaced on the wall if the trapezoid is a strip of constant width seen in
+    perspective.
 
     Parameters
     ----------
@@ -410,42 +356,23 @@ def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, colu
         (rows, columns) of the infrared camera, for example temperatures.
     corners
         Four corners (row, col) of the trapezoid: far left, far right, near right, near left.
-    rows, columns
-        Size of the rectangle; row 0 is the far end.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns), interpolated linearly.
+    rows
+        Rows of the rectangle that the trapezoid becomes, by linear interpolation.
 
     Raises
     ------
     InputError
-        If there are not four corners, they do not make a convex area in this order, or one
-        lies outside the picture.
+        If the corners make no convex area in this order, or one lies outside the picture.
     """
-    values = check_finite(picture, "infrared picture").astype(np.float32)
-    if values.ndim != 2 or len(corners) != 4:
-        raise InputError(
-            f"a picture of shape {values.shape} and {len(corners)} corners: pass one picture and "
-            "four corners (row, col)."
-        )
-    trapezoid = np.array(corners, dtype=np.float32)[:, ::-1].copy()  # OpenCV takes column, row
-    if (trapezoid < 0).any() or (trapezoid > np.array(values.shape[::-1]) - 1).any():
-        raise InputError(f"corners {corners} leave the picture of {values.shape}; keep inside.")
-    if not cv2.isContourConvex(trapezoid) or not cv2.contourArea(trapezoid):
-        raise InputError(f"corners {corners} make no convex area in this order; go around once.")
+    values = check_finite(picture, "picture").astype(np.float32)
+    check_shape(values, (None, None), "picture")
+    trapezoid = check_finite(corners, "corners").astype(np.float32)[..., ::-1].copy()
+    check_shape(trapezoid, (4, 2), "corners")  # column, row as OpenCV takes them
+    within = (trapezoid >= 0) & (trapezoid <= np.array(values.shape[::-1]) - 1)
+    if not (within.all() and cv2.isContourConvex(trapezoid) and cv2.contourArea(trapezoid)):
+        raise InputError("corners: they make no convex area within the picture in this order.")
+    columns = 100  # of the rectangle, enough for a narrow strip
     target = [(0, 0), (columns - 1, 0), (columns - 1, rows - 1), (0, rows - 1)]
     transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, dtype=np.float32))
-    return cv2.warpPerspective(values, transform, (columns, rows)).astype(np.float64)
-
-
-def wall_profile(
-    picture: npt.NDArray[np.generic], corners: Corners, rows: int = 200, columns: int = 100
-) -> Array:
-    """Return the mean of each row of the equalised trapezoid.
-
-    An array (rows,), the far end first. Rows are evenly spaced on the wall if the trapezoid is a
-    strip of constant width seen in perspective.
-    """
-    return equalize(picture, corners, rows, columns).mean(axis=1)
+    equalised = cv2.warpPerspective(values, transform, (columns, rows))
+    return np.asarray(equalised.astype(np.float64).mean(axis=1))
