@@ -20,8 +20,7 @@ background. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """
 
-from collections.abc import Iterable, Iterator
-from typing import Protocol
+from collections.abc import Callable, Iterable, Iterator
 
 from kilnflight.arrays import Single
 from kilnflight.background.frames import Frames
@@ -34,15 +33,7 @@ from kilnflight.background.models import (
     TwoFrame,
 )
 
-
-class BackgroundModel(Protocol):
-    """Subtract a background from each frame of a stack."""
-
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
-        """Yield each requested frame's foreground, (rows, cols) float32."""
-        ...
-
-
+BackgroundModel = Callable[[Frames, Iterable[int]], Iterator[Single]]
 MODELS: tuple[BackgroundModel, ...] = (
     TwoFrame(),
     ThreeFrame(),
@@ -51,15 +42,3 @@ MODELS: tuple[BackgroundModel, ...] = (
     Adaptive(),
     RunningGaussian(),
 )
-
-__all__ = [
-    "MODELS",
-    "Adaptive",
-    "BackgroundModel",
-    "Frames",
-    "Mean",
-    "Median",
-    "RunningGaussian",
-    "ThreeFrame",
-    "TwoFrame",
-]

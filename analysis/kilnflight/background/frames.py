@@ -32,10 +32,7 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
         ) from error
     for index in numbers:
         if not 0 <= index < length:
-            raise InputError(
-                f"indices: there is no frame {index}; the stack has {length} frames, counted "
-                "from 0."
-            )
+            raise InputError(f"indices: there is no frame {index}; the stack has {length} frames.")
     return numbers
 
 
