@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.definitions import clusters
 
 from kilnflight.detection import DBSCAN, MorphologicalClustering, QuasiClusterCenters
 
@@ -58,8 +59,8 @@ def test_the_definitions_of_clusters_are_those_of_the_package(folder):
     )  # and another one in front of it
     for ours, plain in (
         (DBSCAN(15.0, 10), partial(module.plain_dbscan, 15.0)),
-        (MorphologicalClustering(40), partial(module.plain_morphology, 40)),
-        (quasi, partial(module.plain_quasi_centers, quasi.k, quasi.alpha)),
+        (MorphologicalClustering(40), partial(clusters.morphology, grid=40)),
+        (quasi, partial(clusters.quasi_centers, k=quasi.k, alpha=quasi.alpha)),
     ):
         row = module.against("step", ours, plain, "definition", points)
         assert row.size == len(points)
