@@ -141,55 +141,6 @@ def check_number(
         raise InputError(f"{where}: must be {rule}, got {value!r}.")
 
 
-# The next six go with the last room that calls them.
-def check_positive(value: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a number above 0."""
-    check_number(value, where, above=0)
-
-
-def check_at_least(value: float, least: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is ``least`` or above."""
-    check_number(value, where, least=least)
-
-
-def check_between(value: float, least: float, most: float, where: str) -> None:
-    """Raise an `InputError` unless ``least <= value <= most``."""
-    check_number(value, where, least=least, most=most)
-
-
-def check_inside(value: float, least: float, most: float, where: str) -> None:
-    """Raise an `InputError` unless ``least < value < most``."""
-    check_number(value, where, above=least, below=most)
-
-
-def check_limit(value: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is 0 or above, or infinite."""
-    if not (isinstance(value, float) and value == np.inf):
-        check_number(value, where, least=0)
-
-
-def check_count(count: float, where: str, least: int = 1) -> None:
-    """Raise an `InputError` unless ``count`` is whole, ``least`` or above."""
-    check_number(count, where, least=least, whole=True)
-
-
-def check_kind(value: object, kind: type, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is of a kind."""
-    if not isinstance(value, kind):
-        raise InputError(f"{where}: must be a {kind.__name__}, got {value!r}.")
-
-
-def check_offers(value: object, methods: Sequence[str], where: str) -> None:
-    """Raise an `InputError` unless ``value`` has these methods."""
-    if isinstance(value, type):
-        raise InputError(
-            f"{where}: {value.__name__} is a class; pass an instance, {value.__name__}()."
-        )
-    missing = [name for name in methods if not callable(getattr(value, name, None))]
-    if missing:
-        raise InputError(f"{where}: {value!r} cannot be used; it has no {', '.join(missing)}.")
-
-
 def check_new(path: Path) -> None:
     """Raise an `InputError` if the file or folder exists already."""
     if path.exists():

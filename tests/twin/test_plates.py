@@ -89,7 +89,6 @@ def test_it_spins_up_to_the_tip_speed_of_autorotation_and_tumbles(kind):
     state, gas_k, generator = sheets(kind, 40)
     state.along = np.tile([0.0, 1.0, 0.0], (40, 1))
     wind = np.tile([3.0, 0.0, 0.0], (40, 1))
-    assert (turning.froude(state, gas_k) > PLATES.critical_froude).all()
     for _ in range(2000):
         turn(state, wind, gas_k, PLATES, 0.0, 1e-3, generator)
     tip = np.abs(state.spin_1_s) * state.short_m / 2 / 3.0

@@ -64,7 +64,7 @@ class TwoFrame:
         check_number(self.interval, f"{type(self).__name__}: interval", least=1, whole=True)
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
-        """Yield each requested frame's foreground; arguments as of `Mean`."""
+        """Yield each requested frame's foreground; see `Mean` for its arguments."""
         held = HeldFrames(frames, 2 * self.interval + 1)
         return (self._foreground(held, t) for t in check_indices(indices, held.length))
 
@@ -270,7 +270,7 @@ class RunningGaussian:
         check_number(self.k, "RunningGaussian: k", least=0)
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
-        """Yield each requested frame's foreground; arguments as of `Mean`."""
+        """Yield each requested frame's foreground; see `Mean` for its arguments."""
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:

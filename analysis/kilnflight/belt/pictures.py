@@ -101,7 +101,7 @@ class Spots:
 
 
 def _parts(pixels: Array, number: int) -> Array:
-    """Return a spot's pixels (p, 2) as ``number`` spots by k-means, columns as of `Spots`."""
+    """Return a spot's pixels (p, 2) as ``number`` spots by k-means, with the columns of `Spots`."""
     from sklearn.cluster import KMeans  # here: it takes a second to load, and only splits need it
 
     away = pixels - pixels.mean(axis=0)

@@ -324,7 +324,7 @@ def _middle(pixels: Index) -> tuple[float, float, float]:
 
 
 def around(pixels: Index) -> Index:
-    """Return the rectangle (4,) around pixels, as of `rectangles`."""
+    """Return the rectangle (4,) around pixels; see `rectangles`."""
     low, high = pixels.min(axis=0), pixels.max(axis=0) + 1
     return np.array([low[0], high[0], low[1], high[1]])
 

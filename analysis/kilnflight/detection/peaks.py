@@ -49,7 +49,7 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
 
 
 def have_peaks(image: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each of several areas (n, 4) holds a peak; arguments as of `find_peaks`."""
+    """Return whether each of several areas (n, 4) holds a peak; see `find_peaks`."""
     return np.array([_has_peak(_part(image, area), prominence) for area in areas], dtype=bool)
 
 

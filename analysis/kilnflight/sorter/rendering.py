@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from kilnflight.arrays import Picture
 from kilnflight.belt.camera import BELT
-from kilnflight.checks import InputError, check_columns, check_positive
+from kilnflight.checks import InputError, check_columns, check_number
 from kilnflight.sorter.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
@@ -241,7 +241,7 @@ def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
         If the tracks have no rows at such times, as 100 Hz for a camera of 200 frames/s, or the
         rate is not above 0.
     """
-    check_positive(frames_per_s, "at_rate: frames_per_s")
+    check_number(frames_per_s, "at_rate: frames_per_s", above=0)
     check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
     exact = tracks["time_s"].to_numpy() * frames_per_s
     frame = np.rint(exact).astype(np.int64)

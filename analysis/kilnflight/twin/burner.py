@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
-from kilnflight.checks import check_positive
+from kilnflight.checks import check_number
 from kilnflight.twin.camera import Geometry, Optics
 from kilnflight.twin.picture import Veil
 
@@ -55,7 +55,7 @@ class Burner:
         """Refuse what is not positive."""
         for field in fields(self):
             for value in np.atleast_1d(getattr(self, field.name)):
-                check_positive(float(value), f"Burner: {field.name}")
+                check_number(float(value), f"Burner: {field.name}", above=0)
 
 
 @dataclass(frozen=True)

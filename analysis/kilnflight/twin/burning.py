@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from kilnflight.checks import check_positive
+from kilnflight.checks import check_number
 from kilnflight.twin.compiled import either, numbers
 from kilnflight.twin.gas import (
     AIR_OXYGEN,
@@ -53,7 +53,9 @@ class VolatileIgnition:
     def __post_init__(self) -> None:
         """Refuse fluxes and times that are not positive."""
         for field in fields(self):
-            check_positive(float(getattr(self, field.name)), f"VolatileIgnition: {field.name}")
+            check_number(
+                float(getattr(self, field.name)), f"VolatileIgnition: {field.name}", above=0
+            )
 
 
 @register_jitable

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.camera import PLATE_DISTANCES_MM, invert_depth
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_number
 from kilnflight.twin.light import Light, band_radiance
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ class Geometry:
     def __post_init__(self) -> None:
         """Refuse a lance outside the kiln, and a wall outside the picture."""
         for name in ("kiln_radius_mm", "lance_depth_mm", "focal_length_px", "rows", "columns"):
-            check_positive(float(getattr(self, name)), f"Geometry: {name}")
+            check_number(float(getattr(self, name)), f"Geometry: {name}", above=0)
         radius_mm = 1000.0 * float(np.hypot(*self.lance_m[1:]))
         if radius_mm >= self.kiln_radius_mm or not self.inlet_m <= 0.0 <= self.outlet_m:
             raise InputError(
@@ -193,7 +193,7 @@ class Optics:
     def __post_init__(self) -> None:
         """Refuse levels that are not positive, and light of which nothing would be left."""
         for name in ("wall_level", "wall_k", "read_noise", "shot_gain", "exposure_s"):
-            check_positive(float(getattr(self, name)), f"Optics: {name}")
+            check_number(float(getattr(self, name)), f"Optics: {name}", above=0)
         if self.at_wall >= FULL_SCALE:
             raise InputError(
                 f"Optics: the wall's grey value would be {self.at_wall:.0f}, so that all is "
@@ -294,7 +294,7 @@ def see_plate(
     InputError
         If the distance is not positive.
     """
-    check_positive(distance_mm, "see_plate: distance_mm")
+    check_number(distance_mm, "see_plate: distance_mm", above=0)
     camera, geometry = camera or DepthCamera(), geometry or Geometry()
     size = np.array([geometry.columns - 1, geometry.rows - 1])
     half_view = size / 2 * distance_mm / geometry.focal_length_px

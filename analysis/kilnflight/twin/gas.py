@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import register_jitable
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_number
 from kilnflight.twin.compiled import either, numbers
 
 Array = npt.NDArray[np.float64]
@@ -88,8 +88,8 @@ class Gas:
                 f"Gas: pressure_bar {self.pressure_bar}: below 4 bar particles stick in the lance "
                 "(sec. 2.1.1), above 6 bar nothing is published; the runs used 4.5 and 5."
             )
-        check_positive(self.temperature_k, "Gas: temperature_k")
-        check_positive(self.recirculation_m, "Gas: recirculation_m")
+        check_number(self.temperature_k, "Gas: temperature_k", above=0)
+        check_number(self.recirculation_m, "Gas: recirculation_m", above=0)
         if self.load < 0.0 or not 0.0 <= self.flue_oxygen <= AIR_OXYGEN:
             raise InputError(
                 f"Gas: load {self.load} or flue_oxygen {self.flue_oxygen}: expected a load of 0 or "

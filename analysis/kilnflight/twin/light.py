@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import check_positive
+from kilnflight.checks import check_number
 from kilnflight.twin.gas import Gas, excess_velocity, stream
 
 Array = npt.NDArray[np.float64]
@@ -71,7 +71,7 @@ class Light:
         """Refuse light that is not positive."""
         for field in fields(self)[:10]:
             for value in np.atleast_1d(getattr(self, field.name)):
-                check_positive(float(value), f"Light: {field.name}")
+                check_number(float(value), f"Light: {field.name}", above=0)
 
     def fires(self, names: Sequence[str], seed: int) -> Fires:
         """Draw what differs between the particles of a scene, of these fractions."""

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_number
 
 Array = npt.NDArray[np.float64]
 
@@ -233,7 +233,7 @@ class Burst:
     def __post_init__(self) -> None:
         """Refuse an unknown fraction, a negative count or no duration."""
         find_fraction(self.fraction)
-        check_positive(self.duration_s, "Burst: duration_s")
+        check_number(self.duration_s, "Burst: duration_s", above=0)
         if self.count < 0:
             raise InputError(f"Burst: count {self.count} is below 0.")
 

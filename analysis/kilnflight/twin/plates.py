@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import register_jitable
 
-from kilnflight.checks import check_positive
+from kilnflight.checks import check_number
 from kilnflight.twin.burning import area_share, mass_kg
 from kilnflight.twin.compiled import cross, dot, either, plus, put, scaled, unit, vector
 from kilnflight.twin.gas import GRAVITY_M_S2, density, disc_drag, reynolds
@@ -42,7 +42,7 @@ class Plates:
     def __post_init__(self) -> None:
         """Refuse coefficients that are not positive."""
         for name in ("edge_drag", "lift_coefficient", "moment_coefficient", "critical_froude"):
-            check_positive(float(getattr(self, name)), f"Plates: {name}")
+            check_number(float(getattr(self, name)), f"Plates: {name}", above=0)
 
     @property
     def mean_drag(self) -> float:
@@ -115,16 +115,6 @@ def _sheet(state: Any) -> Any:
 
 
 @register_jitable
-def froude(state: Any, gas_k: Any) -> Any:
-    """Return the Froude number of falling sheets.
-
-    The root of their mass over that of the gas in a cube on the short side: of the time in which
-    a plate falls by its side over that in which it swings (Belmonte and others 1998).
-    """
-    areal, chord = _sheet(state)
-    return np.sqrt(areal / (density(gas_k) * chord))
-
-
 @register_jitable
 def _autorotation(state: Any, relative: Any, along: Any, gas_k: Any, plates: Any) -> Any:
     """Return the spin of autorotation, the rate in 1/s at which it is reached, and if it is."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from kilnflight.camera import EQUATION_2_4
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_number
 from kilnflight.recording.frames import Attributes, Frame, check_position
 from kilnflight.twin.background import Background, Surroundings
 from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics
@@ -64,7 +64,7 @@ class Scene:
     def __post_init__(self) -> None:
         """Refuse recordings without length, and time that does not go forward."""
         for name in ("frames", "frame_rate_hz"):
-            check_positive(float(getattr(self, name)), f"scene {self.name}: {name}")
+            check_number(float(getattr(self, name)), f"scene {self.name}: {name}", above=0)
         if self.optics.exposure_s * self.frame_rate_hz > 1:
             raise InputError(
                 f"scene {self.name}: an exposure of {self.optics.exposure_s} s does not fit into "
