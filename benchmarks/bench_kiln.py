@@ -46,10 +46,10 @@ class Held:
 
 
 def held() -> Held:
-    """Return subset V1 with the clouds of the wanted frames."""
+    """Return subset V1 with the clouds of the wanted frames and of the one before."""
     twin = open_scene("V1")
     grays = [twin.gray(t) for t in range(len(twin))]
-    return Held(twin.attributes, grays, {t: twin.frame(t) for t in WANTED})
+    return Held(twin.attributes, grays, {t: twin.frame(t) for t in (WANTED.start - 1, *WANTED)})
 
 
 def both_passes(xyz: np.ndarray) -> np.ndarray:
