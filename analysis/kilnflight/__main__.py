@@ -17,34 +17,28 @@ FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Import, export and inspect recordings; detect, track or run it all."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if "--exit-point" in words[:-1]:  # argparse takes -77,250,6828 for an option
-        k = words.index("--exit-point")
-        words[k : k + 2] = [f"--exit-point={words[k + 1]}"]
-    options = _parser().parse_args(words)
+    options = _parser().parse_args(arguments)
     try:
         options.function(options)
-    except (InputError, OSError) as error:  # OSError: a full disk, a folder without permission
-        print(f"kilnflight {options.command}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"kilnflight {options.command}: stopped", file=sys.stderr)
+    except (InputError, OSError, KeyboardInterrupt) as error:  # OSError: of a full disk, too
+        print(f"kilnflight {options.command}: {str(error) or 'stopped'}", file=sys.stderr)
         return 1
     return 0
 
 
 def _import(options: argparse.Namespace) -> None:
-    from kilnflight.recording.files import import_recording
-    from kilnflight.recording.store import aligned
+    from kilnflight.recording.files import open_any
+    from kilnflight.recording.store import write_recording
+    from kilnflight.run.contents import aligned, summarise_recording
 
     target = options.to or Path(options.recording).with_suffix(".zarr")
-    print(aligned(import_recording(options.recording, target)))
+    print(aligned(summarise_recording(write_recording(open_any(options.recording), target))))
     print(f"imported as {target}")
 
 
 def _info(options: argparse.Namespace) -> None:
     from kilnflight.recording.files import open_any
-    from kilnflight.recording.store import aligned, summarise_recording
+    from kilnflight.run.contents import aligned, summarise_recording
 
     print(aligned(summarise_recording(open_any(options.recording))))
 
@@ -54,7 +48,9 @@ def _export(options: argparse.Namespace) -> None:
     from kilnflight.twin import scenes, truth
 
     recording = scenes.open_scene(options.scene, seed=options.seed)
-    frames = _frames(options.frames, len(recording)) if options.frames else None
+    frames = range(*options.frames or (len(recording),))
+    if not frames or frames[0] < 0 or frames[-1] >= len(recording):
+        raise InputError(f"--frames: {options.scene} has 0 to {len(recording)}; A is below B.")
     stored = write_recording(recording, options.folder, frames, truth.tables(recording, frames))
     print(f"exported {len(stored)} frames of {stored.attributes.name} to {options.folder}")
 
@@ -92,46 +88,11 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.project.parallel import Workers
 
-    lance = _point(options.exit_point) if options.exit_point else None
+    lance = tuple(options.exit_point) if options.exit_point else None
     rules = options.in_air, options.bright, options.above_background, options.air, options.dark
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
     settings = run.Options(options.threshold, lance, *rules)
     run.run_recording(Path(options.recording), options.to, settings, workers)
-
-
-def _frames(text: str, length: int) -> range:
-    """Return the frames A to B, B excluded.
-
-    Examples
-    --------
-    >>> _frames("100:110", 3000)
-    range(100, 110)
-    >>> _frames(":5", 3000)
-    range(0, 5)
-    """
-    try:
-        first, last = text.split(":")
-        frames = range(int(first or 0), int(last or length))
-    except ValueError:
-        frames = range(0)
-    if not frames or frames.start < 0 or frames.stop > length:
-        raise InputError(f"--frames {text}: write A:B with 0 <= A < B <= {length}, B left out.")
-    return frames
-
-
-def _point(text: str) -> tuple[float, float, float]:
-    """Return x, y, z of a text.
-
-    Examples
-    --------
-    >>> _point("-77, 250.7,6828")
-    (-77.0, 250.7, 6828.0)
-    """
-    try:
-        x, y, z = map(float, text.split(","))
-    except ValueError as error:
-        raise InputError(f"--exit-point {text}: write x,y,z in mm: -77,250.7,6828.") from error
-    return x, y, z
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -156,14 +117,14 @@ def _parser() -> argparse.ArgumentParser:
     argument("--to", type=Path, metavar="DIR", help="of the results; a stopped run goes on there")
     argument("--threshold", type=float, metavar="GREY", help=grey)
     argument("--dark", action="store_true", help="particles are darker than the background")
-    argument("--exit-point", metavar="x,y,z", help="outlet of the lance, mm as captured")
+    lance = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+    argument("--exit-point", **lance, help="outlet of the lance, mm as captured")
     axis = "largest distance from the kiln's axis of a particle in the air (default: 800)"
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)
     argument("--bright", type=float, metavar="GREY", help="value that only burning particles reach")
     argument("--above-background", action="store_true", help="find ignition above the background")
-    argument(
-        "--air", type=float, default=16.0, metavar="M/S", help="air of the lance (default: 16)"
-    )
+    air = "air of the lance (default: 16)"
+    argument("--air", type=float, default=16.0, metavar="M/S", help=air)
     argument("--jobs", type=int, default=1, help="processes side by side (default: 1)")
     argument("--scheduler", metavar="ADDRESS", help="Dask cluster that detects in their place")
 
@@ -182,7 +143,8 @@ def _parser() -> argparse.ArgumentParser:
     argument = add("export", _export, "write a simulated recording (the twin's) and its truth")
     argument("scene", help="such as confetti-4.5-bar; an unknown name lists all")
     argument("folder", type=Path, metavar="FOLDER", help="folder to write")
-    argument("--frames", metavar="A:B", help="frames A to B, B left out (default: all)")
+    frames = {"nargs": 2, "type": int, "metavar": ("A", "B")}
+    argument("--frames", **frames, help="frames A to B, B left out (default: all)")
     argument("--seed", type=int, help="of the simulation (default: the scene's own)")
     return parser
 

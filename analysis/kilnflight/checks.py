@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from numbers import Real
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+from kilnflight.arrays import Array, Whole
 
 if TYPE_CHECKING:  # notebooks start faster without it
     import pandas as pd
@@ -48,79 +50,48 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
         raise InputError(f"{where}: shape {array.shape}, expected {expected}.".replace("'", ""))
 
 
-def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
-    """Return ``values`` as float64, or raise an `InputError`."""
+def known_numbers(values: npt.ArrayLike, where: str) -> Array:
+    """Return ``values`` as float64, NaN for gaps, or raise an `InputError`."""
     try:
         array = np.asarray(values)
-        if array.dtype.kind not in "biufO":  # numpy would make numbers of dates and of texts
+        if array.dtype == object:  # numbers with gaps, or texts
+            from pandas import isna
+
+            array = np.array(np.where(isna(array), np.nan, array).tolist())
+        if array.dtype.kind not in "iuf":  # numpy would make numbers of dates and of texts
             raise TypeError(f"it holds {array.dtype}")
-        array = array.astype(np.float64, copy=False)
+        return array.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
+        raise InputError(f"{where}: not made of numbers ({error}).") from error
+
+
+def check_finite(values: npt.ArrayLike, where: str) -> Array:
+    """Return ``values`` as float64, or raise an `InputError`."""
+    array = known_numbers(values, where)
     finite = np.isfinite(array)
     if not finite.all():  # searched only then: it takes eight times as long
-        bad = np.argwhere(~finite)
-        index = tuple(bad[0].tolist())
+        index = tuple(np.argwhere(~finite)[0].tolist())
         raise InputError(
-            f"{where}: {len(bad)} value(s) are not finite, the first ({array[index]}) at "
+            f"{where}: {np.sum(~finite)} value(s) are not finite, the first ({array[index]}) at "
             f"index {index}. Remove invalid points before the call."
         )
     return array
 
 
-def check_whole(values: pd.Series, where: str) -> npt.NDArray[np.int64]:
-    """Return a column of whole numbers as int64, also where floats hold them.
-
-    A column without rows has no type to speak of.
-
-    Raises
-    ------
-    InputError
-        If the column is not made of numbers, has gaps, or holds a fraction.
-    """
-    if values.dtype == np.int64:
+def check_whole(values: pd.Series, where: str) -> Whole:
+    """Return a column of whole numbers as int64, also where floats hold them."""
+    if values.dtype == np.int64 or not len(values):  # without rows it has no type to speak of
         return values.to_numpy(np.int64)
-    if not len(values):
-        return np.empty(0, dtype=np.int64)
-    if not is_real(values) or values.isna().any():
-        raise InputError(
-            f"{where} holds {values.dtype}{' with gaps' if values.isna().any() else ''}, expected "
-            "whole numbers without gaps. Convert it first."
-        )
-    numbers = check_finite(values.to_numpy(np.float64), where)
-    bad = np.flatnonzero((numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE))
-    if len(bad):
-        raise InputError(
-            f"{where}: {numbers[bad[0]]} in row {values.index[bad[0]]} is no whole number."
-        )
+    numbers = check_finite(values, where)
+    wrong = (numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise InputError(f"{where}: {numbers[row]} in row {values.index[row]} is no whole number.")
     return numbers.astype(np.int64)
 
 
-def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:
-    """Return a column as float64, NaN for gaps, or raise an `InputError`."""
-    try:
-        if len(values) and not (is_real(values) or values.dtype == object):
-            raise TypeError(f"it holds {values.dtype}")
-        return values.to_numpy(np.float64, na_value=np.nan)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where} is not made of numbers ({error}).") from error
-
-
-def is_real(values: pd.Series) -> bool:
-    """Return whether a column holds real numbers and nothing else."""
-    return values.dtype.kind in "iuf"
-
-
-def is_number(value: object) -> bool:
-    """Return whether ``value`` is one finite real number, no truth value."""
-    try:
-        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # a whole number that no float holds
-        return False
-
-
 def check_number(
-    value: object,
+    value: Any,
     where: str,
     *,
     least: float = -math.inf,
@@ -133,21 +104,10 @@ def check_number(
 
     ``least`` and ``most`` are allowed, ``above`` and ``below`` are not.
     """
-    fits = is_number(value) and least <= value <= most and above < value < below  # type: ignore[operator]
-    if not fits or (whole and value % 1 != 0):  # type: ignore[operator]
+    real = isinstance(value, Real) and not isinstance(value, bool)
+    fits = real and least <= value <= most and above < value < below
+    if not fits or abs(value) > sys.float_info.max or (whole and value % 1 != 0):
         limits = {"at least": least, "at most": most, "above": above, "below": below}
         rules = [f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit)]
         rule = ", ".join(["a whole number" if whole else "a number", *rules])
         raise InputError(f"{where}: must be {rule}, got {value!r}.")
-
-
-def check_new(path: Path) -> None:
-    """Raise an `InputError` if the file or folder exists already."""
-    if path.exists():
-        raise InputError(f"{path}: exists already. Delete it or choose another target.")
-
-
-def check_target(path: Path) -> None:
-    """Raise an `InputError` unless the folder of a new file exists."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist. Make it first.")

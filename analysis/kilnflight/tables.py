@@ -7,6 +7,7 @@ On the belt ``x`` points along the transport direction and ``y`` across it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,9 @@ import pandas as pd
 
 from kilnflight.arrays import Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number, check_whole
+
+AXES, PIXEL = ("x", "y", "z"), ("row", "col")
+HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
 
 
 @dataclass(frozen=True)
@@ -72,12 +76,13 @@ def _holds(values: pd.Series, kind: type) -> bool:
     return values.dtype.kind in {bool: "b", int: "iu", float: "iuf"}[kind]
 
 
-def _by_axis(
-    axes: str, name: str, kind: type, unit: str, meaning: str, missing: bool = True
-) -> tuple[Column, ...]:
-    """Return one column per axis; ``{}`` in the name stands for it."""
-    names = ((name.format(axis), f"{meaning}, {axis}") for axis in axes)
-    return tuple(Column(name, kind, unit, meaning, missing) for name, meaning in names)
+def _by_axis(axes: Sequence[str], name: str, kind: type, *more: Any) -> tuple[Column, ...]:
+    """Return one column per axis; ``{}`` in the name stands for it. Then unit, meaning, missing."""
+    return tuple(Column(name.format(axis), kind, *more) for axis in axes)
+
+
+def _coefficients(k: int) -> tuple[Column, ...]:
+    return _by_axis(AXES, f"coefficient_{{}}_{k}", float, f"mm/s^{k}", "of (t - t0)^k", True)
 
 
 BELT_TRACKS = Table(
@@ -85,17 +90,16 @@ BELT_TRACKS = Table(
     Column("frame", int, "1", "time step, counted from 0"),
     Column("particle", int, "1", "identity of the particle"),
     Column("time_s", float, "s", "time of the frame"),
-    Column("x", float, "mm", "along the belt"),
-    Column("y", float, "mm", "across the belt"),
+    *_by_axis("xy", "{}", float, "mm", "along and across the belt"),
 )
 
 BELT_LAST = Table(
     "last observation before the prediction phase",
     Column("particle", int, "1", "identity of the particle"),
     Column("time_s", float, "s", "t_Last"),
-    *_by_axis("xy", "{}", float, "mm", "position at t_Last", False),
-    *_by_axis("xy", "velocity_{}_mm_s", float, "mm/s", "at t_Last", False),
-    *_by_axis("xy", "acceleration_{}_mm_s2", float, "mm/s^2", "at t_Last", False),
+    *_by_axis("xy", "{}", float, "mm", "position at t_Last"),
+    *_by_axis("xy", "velocity_{}_mm_s", float, "mm/s", "at t_Last"),
+    *_by_axis("xy", "acceleration_{}_mm_s2", float, "mm/s^2", "at t_Last"),
 )
 
 BELT_ARRIVAL = Table(
@@ -123,12 +127,10 @@ VALVE_EVENTS = Table(
 BELT_SPOTS = Table(
     "particles in the pictures of the belt's camera",
     Column("frame", int, "1", "frame of the camera, counted from 0"),
-    Column("row", float, "px", "centroid, counted down from 0"),
-    Column("col", float, "px", "centroid, counted to the right from 0"),
+    *_by_axis(PIXEL, "{}", float, "px", "centroid, counted down and to the right from 0"),
     Column("area_px", float, "px^2", "number of its pixels"),
     Column("touching", int, "1", "1: larger than one particle, several may touch"),
-    Column("x", float, "mm", "along the belt, by the calibration"),
-    Column("y", float, "mm", "across the belt"),
+    *_by_axis("xy", "{}", float, "mm", "along and across the belt, by the calibration"),
 )
 
 BELT_STATES = Table(
@@ -138,9 +140,9 @@ BELT_STATES = Table(
     Column("row", int, "1", "row of the table of detections; -1: missed, predicted only"),
     Column("valid", int, "1", "1: the score has reached the upper threshold"),
     Column("score", float, "1", "log likelihood ratio of particle against dirt"),
-    *_by_axis("xy", "{}", float, "mm", "filtered", False),
-    *_by_axis("xy", "velocity_{}_mm_s", float, "mm/s", "filtered", False),
-    *_by_axis("xy", "acceleration_{}_mm_s2", float, "mm/s^2", "filtered; 0 without it", False),
+    *_by_axis("xy", "{}", float, "mm", "filtered"),
+    *_by_axis("xy", "velocity_{}_mm_s", float, "mm/s", "filtered"),
+    *_by_axis("xy", "acceleration_{}_mm_s2", float, "mm/s^2", "filtered; 0 without it"),
 )
 
 BELT_ENDS = Table(
@@ -153,13 +155,10 @@ BELT_ENDS = Table(
 DETECTIONS = Table(
     "detections",
     Column("frame", int, "1", "number of the frame in its recording"),
-    Column("row", float, "px", "centre, counted down from 0"),
-    Column("col", float, "px", "centre, counted to the right from 0"),
+    *_by_axis(PIXEL, "{}", float, "px", "centre, counted down and to the right from 0"),
     Column("radius_px", float, "px", "size: radius of the disc it covers"),
     Column("gray", float, "1", "mean grey value of the frame within that disc"),
-    Column("x", float, "mm", "mean of its points, camera coordinates", missing=True),
-    Column("y", float, "mm", "mean of its points", missing=True),
-    Column("z", float, "mm", "mean of its points, depth calibrated", missing=True),
+    *_by_axis(AXES, "{}", float, "mm", "mean of its points, camera coordinates, calibrated", True),
     Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
     Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
 )
@@ -207,32 +206,22 @@ def order_tracks(table: pd.DataFrame, where: str, clock: str = "frame") -> tuple
     return rows, particle, time
 
 
-AXES = ("x", "y", "z")
-HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
-
-
-def _factors(k: int) -> tuple[Column, ...]:
-    return _by_axis("xyz", f"coefficient_{{}}_{k}", float, f"mm/s^{k}", f"factor of (t - t0)^{k}")
-
-
 TRAJECTORIES = Table(
     "regressed trajectories",
     Column("particle", int, "1", "identity of the track"),
     Column("outcome", str, "1", "fitted, no depth or too few points"),
     Column("points", int, "1", "number of its detections with depth"),
-    Column("first_s", float, "s", "time of the first of them", missing=True),
-    Column("last_s", float, "s", "time of the last of them", missing=True),
+    *_by_axis(("first", "last"), "{}_s", float, "s", "time of that one of them", True),
     Column("t0_s", float, "s", "time at the lance's outlet", missing=True),
-    Column("t0_earliest_s", float, "s", "start of the range of t0", missing=True),
-    Column("t0_latest_s", float, "s", "end of the range of t0", missing=True),
+    *_by_axis(("earliest", "latest"), "t0_{}_s", float, "s", "end of the range of t0", True),
     Column("t0_at_bound", int, "1", "-1: t0 is the earliest, 1: the latest, 0: between"),
-    *_by_axis("xyz", "exit_{}", float, "mm", "the lance's outlet"),
-    *_by_axis("xyz", "order_{}", int, "1", "order of the polynomial, 0: none"),
-    *sum((_factors(k) for k in range(1, HIGHEST_ORDER + 1)), start=()),
-    *_by_axis("xyz", "rmse_{}_mm", float, "mm", "Eq. 4.30, thesis"),
-    *_by_axis("xyz", "mape_{}_percent", float, "%", "Eq. 4.31"),
-    *_by_axis("xyz", "r2_{}", float, "1", "Eq. 4.32"),
-    *_by_axis("xyz", "r2_adjusted_{}", float, "1", "Eq. 4.33"),
+    *_by_axis(AXES, "exit_{}", float, "mm", "the lance's outlet", True),
+    *_by_axis(AXES, "order_{}", int, "1", "order of the polynomial, 0: none"),
+    *sum((_coefficients(k) for k in range(1, HIGHEST_ORDER + 1)), start=()),
+    *_by_axis(AXES, "rmse_{}_mm", float, "mm", "Eq. 4.30, thesis", True),
+    *_by_axis(AXES, "mape_{}_percent", float, "%", "Eq. 4.31", True),
+    *_by_axis(AXES, "r2_{}", float, "1", "Eq. 4.32", True),
+    *_by_axis(AXES, "r2_adjusted_{}", float, "1", "Eq. 4.33", True),
 )
 
 FLIGHTS = Table(

@@ -4,12 +4,12 @@
 
 ==========================  ================================================================
 AVI, MP4, MOV, MKV          decoded by OpenCV, 8 bit
-TIFF of several pages       axis T of ImageJ and OME, or pages without a name; z is refused,
-                            and channels unless one is named
+TIFF of several pages       axis T of ImageJ and OME, or pages without a name; z and channels
+                            are refused
 folder or pattern           PNG, TIFF, JPEG, NPY, ... one file a frame: ``film/*.png`` or
                             ``film/a_{frame}_8bit.png``; the frame's number stands at
                             ``{frame}``, or is the last one in the name
-NPY, NPZ, MAT, HDF5         (frame, row, col), also with a last axis of colours
+NPY, MAT, HDF5              (frame, row, col), also with a last axis of colours
 array, or anything indexed  the same, or pictures (row, col) one by one
 Zarr                        what ``kilnflight import``, ``export`` or ``run`` wrote
 TOML                        a manifest, where depth, labels or metadata come in
@@ -38,18 +38,17 @@ A manifest says what lies where. Patterns are relative to it::
     [coordinates]
     pattern = "xyz/frame_{frame:04d}.mat"
     key = "XYZ"                       # variable or data set, where a file holds several
-    form = "grid"                     # (rows, cols, 3) in MAT, HDF5, NPY, NPZ or TIFF
+    form = "grid"                     # (rows, cols, 3) in MAT, HDF5, NPY or TIFF
     invalid = "nan"                   # or a number: the depth of a pixel that has none
     unit = "mm"                       # or "m"
 
-    [labels]                          # PNG, TIFF, NPY, NPZ, MAT, HDF5
+    [labels]                          # PNG, TIFF, NPY, MAT, HDF5
     pattern = "labels/frame_{frame:04d}.png"
     classes = { 0 = 0, 60 = 1, 120 = 2, 180 = 3, 240 = 4 }     # theirs = Table 5.1
 
 Only ``name``, ``frame_rate_hz`` and ``[gray]`` are needed. Coordinates and labels may cover some
-frames only. With ``form = "points"`` each file lists points: row, col, x, y, z in CSV or a
-structured NPY by name, in other arrays (n, 5) by position. ``columns = ["v", "u", "X", "Y", "Z"]``
-gives other names in the same order, ``origin = 1`` counts pixels from 1.
+frames only. With ``form = "points"`` each file lists row, col, x, y, z of points: in CSV by name,
+in arrays (n, 5) by position. ``origin = 1`` counts pixels from 1.
 
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning on the
 wall. Coordinates, the lance's too, are those of the camera as captured. ``depth_calibration`` makes
@@ -60,39 +59,54 @@ camera), or ``"none"``, the default.
 
 from __future__ import annotations
 
+import fnmatch
 import glob
 import hashlib
+import logging
 import os
 import re
+import struct
 import tomllib
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
+import h5py
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import scipy.io
+import tifffile
+from scipy.io.matlab import MatReadError
 
 from kilnflight.arrays import Picture
-from kilnflight.checks import InputError, check_columns, check_shape, known_numbers
-from kilnflight.recording.frames import Attributes, Frame, Recording, check_frame, check_position
-from kilnflight.recording.pictures import (
-    CHANNELS,
-    FILMS,
-    PICTURES,
-    TIFFS,
-    Anything,
-    Channel,
-    Film,
-    PictureFiles,
-    channel_position,
-    read_array,
+from kilnflight.checks import InputError, check_shape, known_numbers
+from kilnflight.recording.frames import (
+    Attributes,
+    Frame,
+    Gray,
+    Recording,
+    check_frame,
+    check_position,
 )
-from kilnflight.recording.store import open_recording, summarise_recording, write_recording
+from kilnflight.recording.store import open_recording
 
+FILMS = (".avi", ".mkv", ".mov", ".mp4")
+TIFFS = (".tif", ".tiff")
+PICTURES = (".jpeg", ".jpg", ".png")
+CHANNELS = ("red", "green", "blue")
+POINT = ["row", "col", "x", "y", "z"]
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
+# What the libraries raise on files that are cut, damaged or of another kind.
+ODD = (MatReadError, struct.error, zlib.error)
+UNREADABLE = (EOFError, LookupError, OSError, RuntimeError, ValueError, *ODD)
+Anything = npt.NDArray[Any]
+
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what is raised here
 
 
 @dataclass(frozen=True)
@@ -101,11 +115,10 @@ class Part:
 
     pattern: str
     key: str | None = None
-    channel: Channel = None
+    channel: str | None = None
     form: str = "grid"
     invalid: float | str = "nan"
     unit: str = "mm"
-    columns: Sequence[str] = ("row", "col", "x", "y", "z")
     origin: int = 0
     classes: Mapping[str, int] = field(default_factory=dict)
 
@@ -114,8 +127,8 @@ class Part:
         wrong = [key for key, values in allowed.items() if getattr(self, key) not in values]
         wrong += [name for name in self.classes if not name.lstrip("-").isdecimal()]
         wrong += ["invalid"] if isinstance(self.invalid, str) and self.invalid != "nan" else []
-        if wrong or len(self.columns) != 5 or not isinstance(self.key, str | None):
-            raise InputError(f"{', '.join(wrong) or 'key or columns'}: not as a manifest has it")
+        if wrong:
+            raise InputError(f"{', '.join(wrong)}: not as a manifest has it")
 
 
 Parts = Mapping[str, tuple[Part, dict[int, Path]]]  # with the files by number of the frame
@@ -134,7 +147,7 @@ class FileRecording:
     images
         Pictures (rows, cols) or (rows, cols, channels), read one by one.
     channel
-        Position on the last axis of coloured pictures.
+        Of coloured pictures, one of `CHANNELS`.
     scale
         Value that becomes 0, and grey values per unit; None: whole grey values as they are.
     parts
@@ -144,14 +157,14 @@ class FileRecording:
     attributes: Attributes
     numbers: Sequence[int] = field(repr=False)
     images: Any = field(repr=False)
-    channel: int = 0
+    channel: str | None = None
     scale: tuple[float, float] | None = None
     parts: Parts = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.numbers)
 
-    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+    def gray(self, t: int) -> Gray:
         """Return the grey values (rows, cols) of frame ``t``, counted from 0."""
         check_position(t, len(self), self.attributes.name)
         where = f"recording {self.attributes.name}, frame {self.numbers[t]}"
@@ -159,7 +172,7 @@ class FileRecording:
         check_shape(image, self.attributes.size, where)
         if self.scale is not None:
             image = np.rint((image.astype(np.float64) - self.scale[0]) * self.scale[1])
-        elif not (image.dtype in SMALL_TYPES or _is_gray(image)):
+        elif not (image.dtype in SMALL_TYPES or _ends(image)[2]):
             raise InputError(f"{where}: its values are not whole numbers from 0 to {WHITE}.")
         return np.ascontiguousarray(image, np.uint16)
 
@@ -178,17 +191,17 @@ class FileRecording:
 
         Arrays in memory are hashed frame by frame.
         """
-        files = [*getattr(self.images, "files", ())]
         digest = hashlib.sha256(repr((self, list(self.numbers))).encode())
-        for t in range(0 if files else len(self)):
+        files = [path for _, found in self.parts.values() for path in found.values()]
+        for t in range(0 if hasattr(self.images, "files") else len(self)):
             digest.update(self.gray(t).tobytes())
-        for path in files + [path for _, found in self.parts.values() for path in found.values()]:
+        for path in [*getattr(self.images, "files", ()), *files]:
             digest.update(repr((path.name, path.stat().st_size, path.stat().st_mtime_ns)).encode())
         return digest.hexdigest()[:12]
 
 
 def open_any(
-    source: Any, *, channel: Channel = None, frame_rate_hz: float | None = None
+    source: Any, *, channel: str | None = None, frame_rate_hz: float | None = None
 ) -> Recording:
     """Open a recording of any kind.
 
@@ -198,8 +211,7 @@ def open_any(
         Path of a film, stack, folder, pattern, array, Zarr recording or manifest; or an array
         (frame, row, col), with colours (frame, row, col, 3); or anything indexable of pictures.
     channel
-        ``"red"``, ``"green"``, ``"blue"``, or a position from 0; None: of coloured pictures the
-        brightest.
+        ``"red"``, ``"green"`` or ``"blue"``; None: of coloured pictures the brightest.
     frame_rate_hz
         None: that of the film, or 1. Zarr recordings and manifests state their own.
 
@@ -214,66 +226,67 @@ def open_any(
     >>> len(recording), int(recording.gray(1)[0, 0])
     (3, 32768)
     """
-    if not isinstance(source, str | os.PathLike):
-        if not hasattr(source, "__len__") or not hasattr(source, "__getitem__"):
-            raise InputError(f"source: {source!r} is no path and no array of frames.")
-        given = {"name": "array", "frame_rate_hz": frame_rate_hz}
-        return _recording(source, range(len(source)), given, channel, {})
-    path, text = Path(source), os.fspath(source)
-    if path.suffix.lower() == ".toml":
-        return read_manifest(path)
-    if (path / "zarr.json").is_file() or not (path.exists() or re.search(r"[*?{\[]", text)):
-        return open_recording(path)
-    given = {"name": path.stem or path.resolve().name, "frame_rate_hz": frame_rate_hz}
-    return _recording(*_images(Part(text, channel=channel), Path()), given, channel, {})
+    name = "array"
+    if isinstance(source, str | os.PathLike):
+        path, text = Path(source), os.fspath(source)
+        if path.suffix.lower() == ".toml":
+            return _manifest(path)
+        if (path / "zarr.json").is_file() or not (path.exists() or re.search(r"[*?{\[]", text)):
+            return open_recording(path)
+        (images, numbers), name = _images(Part(text), Path()), path.stem or path.resolve().name
+    elif hasattr(source, "__len__") and hasattr(source, "__getitem__"):
+        images, numbers = source, range(len(source))
+    else:
+        raise InputError(f"source: {source!r} is no path and no array of frames.")
+    return _recording(images, numbers, {"name": name, "frame_rate_hz": frame_rate_hz}, channel, {})
 
 
 def _recording(
-    images: Any, numbers: Sequence[int], given: Mapping[str, Any], channel: Channel, parts: Parts
+    images: Any, numbers: Sequence[int], given: Mapping[str, Any], channel: str | None, parts: Parts
 ) -> FileRecording:
     """Return the recording of some images; the first one decides size and channel."""
     where, notes, scale = f"recording {given.get('name')}", list[str](), None
     if not numbers:
         raise InputError(f"{where}: it has no frames.")
-    first, position = np.asarray(images[0]), 0
-    if first.ndim == 3:
-        position, colours = channel_position(channel, first.shape[2], where), first[..., :3]
-        if channel is None and (colours != colours[..., :1]).any():
-            position = int(colours.mean(axis=(0, 1)).argmax())
-            notes.append(f"coloured pictures: channel {CHANNELS[position]}, the brightest, is used")
+    first = np.asarray(images[0])
+    colours = first[..., :3] if first.ndim == 3 else np.empty((1, 1, 0))
+    if channel is None and (colours != colours[..., :1]).any():
+        channel = CHANNELS[colours.mean(axis=(0, 1)).argmax()]
+        notes.append(f"coloured pictures: channel {channel}, the brightest, is used")
+    elif channel not in (None, *CHANNELS[: colours.shape[2]]):
+        raise InputError(f"{where}: it has no channel {channel!r}. Leave it out, or name a colour.")
     if missing := numbers[-1] - numbers[0] + 1 - len(numbers):
         notes.append(f"{missing} of the frames {numbers[0]} to {numbers[-1]} are missing")
-    first = _one_channel(first, position, where)
+    first = _one_channel(first, channel, where)
     if first.dtype not in SMALL_TYPES:
-        ends, fits = [], True
-        for t, number in enumerate(numbers):
-            image = _one_channel(images[t], position, f"{where}, frame {number}")
-            ends += [float(image.min()), float(image.max())]
-            fits = fits and _is_gray(image)
-        if not fits:
-            scale = min(ends), WHITE / ((max(ends) - min(ends)) or 1.0)
-            notes.append(f"grey values: {min(ends):g} to {max(ends):g} are scaled to 0 to {WHITE}")
-    rate = given.get("frame_rate_hz") or getattr(images, "frame_rate_hz", 1.0)
+        frames = (f"{where}, frame {number}" for number in numbers)
+        ends = [_ends(_one_channel(images[t], channel, at)) for t, at in enumerate(frames)]
+        low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+        if not all(whole for *_, whole in ends):
+            scale = low, WHITE / ((high - low) or 1.0)
+            notes.append(f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}")
     found = {"name": None, "rows": first.shape[0], "columns": first.shape[1], "notes": notes}
-    attributes = Attributes.from_json({**found, **given, "frame_rate_hz": rate})
-    return FileRecording(attributes, numbers, images, position, scale, parts)
+    found["frame_rate_hz"] = getattr(images, "frame_rate_hz", 1.0)
+    found |= {key: value for key, value in given.items() if value is not None}
+    return FileRecording(Attributes.from_json(found), numbers, images, channel, scale, parts)
 
 
-def _one_channel(image: Any, channel: int, where: str) -> Anything:
+def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
     """Return one channel of a picture, or raise an `InputError`."""
     array = np.asarray(image)
-    array = array[..., channel] if array.ndim == 3 and array.shape[2] <= 4 else array
+    if array.ndim == 3 and array.shape[2] <= 4:
+        array = array[..., CHANNELS.index(channel or CHANNELS[0])]
     real = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image)
     if array.ndim != 2 or not array.size or not real or not np.isfinite(array).all():
         kind = f"{array.dtype} of shape {np.shape(image)}"
-        rule = "(rows, cols) without a mask, or with a last axis of up to four channels"
-        raise InputError(f"{where}: {kind} is no picture. Give finite numbers {rule}.")
+        raise InputError(f"{where}: {kind}. Give finite numbers (rows, cols) without a mask.")
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
-def _is_gray(image: Anything) -> bool:
-    """Return whether all values are whole numbers of 16 bits."""
-    return not (image % 1).any() and bool(image.min() >= 0) and bool(image.max() <= WHITE)
+def _ends(image: Anything) -> tuple[float, float, bool]:
+    """Return the least and largest value, and whether all are whole numbers of 16 bits."""
+    low, high = float(image.min()), float(image.max())
+    return low, high, low >= 0 and high <= WHITE and not (image % 1).any()
 
 
 def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
@@ -282,48 +295,43 @@ def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
     if not path.is_file():
         found = _numbered(part.pattern, folder)
         return PictureFiles(list(found.values()), part.key), list(found)
-    images: Any = Film(path) if ending in FILMS else PictureFiles([path])
-    if ending not in FILMS + PICTURES:
-        images = read_array(path, part.channel if ending in TIFFS else part.key, stack=True)
+    images: Any = Film(path) if ending in FILMS else read_array(path, part.key, stack=True)
     return images, range(len(images))
 
 
 def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
     """Return the files of a folder or pattern by the number of their frame, in order."""
-    whole, parts = folder / pattern, re.split(r"\{frame[^}]*\}", str(Path(pattern)))
-    texts = [re.escape(text).replace(r"\*", ".*").replace(r"\?", ".") for text in parts]
-    rule = r"(\d+)".join(texts) + "$"
-    paths = [folder / name for name in glob.glob("*".join(parts), root_dir=folder)]
-    if whole.is_dir():
-        paths = [path for path in whole.iterdir() if path.suffix.lower() in PICTURES + TIFFS]
-    files: dict[int, Path] = {}
-    for path in sorted(paths):
-        found = re.search(rule, str(path)) if len(parts) > 1 else re.search(r"(\d+)\D*$", path.stem)
-        number = int(found.groups()[-1]) if found else -1
-        if number in files or number < 0:
-            rule = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
-            raise InputError(f"{path}: has no number, or that of another file ({number}). {rule}.")
-        files[number] = path
+    whole, number = (folder / pattern).is_dir(), r"(?P<number>\d+)"
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(pattern))) + "/*" * whole
+    rule, files = number + r"[^\d/]*\.\w+$", dict[int, Path]()  # the last number of the name
+    if "FRAME" in text:
+        rule = fnmatch.translate(text).replace("FRAME", number, 1)
+    endings = PICTURES + TIFFS if whole else ("",)
+    for name in sorted(glob.glob(text.replace("FRAME", "*"), root_dir=folder)):
+        found, path = re.search(rule, name), folder / name
+        if not name.lower().endswith(endings):
+            continue
+        if not found or int(found["number"]) in files:
+            advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
+            raise InputError(f"{path}: has no number, or that of another file. {advice}.")
+        files[int(found["number"])] = path
     if not files:
-        raise InputError(f"{whole}: no file fits the pattern, or none is a picture.")
+        raise InputError(f"{folder / pattern}: no file fits the pattern, or none is a picture.")
     return dict(sorted(files.items()))
 
 
 def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return pixels and positions in one file, without pixels that have no depth."""
-    array, names = read_array(path, part.key), list(part.columns)
-    pixels: Anything
+    array: Any = read_array(path, part.key)
+    pixels: Any = np.indices(size).reshape(2, -1).T
     if part.form == "grid":
         check_shape(array, (*size, 3), str(path))
-        pixels, xyz = np.indices(size).reshape(2, -1).T, array.reshape(-1, 3)
+        xyz = array.reshape(-1, 3)
     else:
-        table = pd.DataFrame(array, columns=None if array.dtype.names else names)
-        check_columns(table, names, str(path))
-        columns = [known_numbers(table[name], f"{path}: column {name}") for name in names]
-        pixels, xyz = np.stack(columns[:2], 1) - part.origin, np.stack(columns[2:], 1)
-    missing: Any = np.isnan(xyz).any(axis=1)
-    if not np.isnan(invalid := np.float32(part.invalid)):
-        missing = xyz[:, 2].astype(np.float32) == invalid
+        points = known_numbers(array, str(path))
+        check_shape(points, (None, 5), str(path))
+        pixels, xyz = points[:, :2] - part.origin, points[:, 2:]
+    missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype(np.float32) == np.float32(part.invalid))
     pixels, xyz = pixels[~missing], xyz[~missing]
     if not (np.abs(pixels) < 2**31).all() or (pixels % 1).any() or (len(missing) and not len(xyz)):
         raise InputError(f"{path}: row and col of a point are not whole, or none has a position.")
@@ -344,19 +352,13 @@ def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Picture]
     return {"labels": labels}
 
 
-def read_manifest(manifest: Path | str) -> FileRecording:
-    """Return the recording that a manifest describes; its first image gives the size.
-
-    Raises
-    ------
-    InputError
-        If it is not TOML, a value is not possible, or a file is missing.
-    """
-    manifest, folder = Path(manifest), Path(manifest).parent
+def _manifest(manifest: Path) -> FileRecording:
+    """Return the recording that a manifest describes."""
+    folder = manifest.parent
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))
-        names: list[str] = [name for name in ("gray", "coordinates", "labels") if name in table]
-        parts = {name: Part(**table.pop(name)) for name in names}
+        names = ("gray", "coordinates", "labels")
+        parts = {name: Part(**table.pop(name)) for name in names if name in table}
         if "gray" not in parts:
             raise InputError("there is no [gray]; give it a pattern")
         gray = parts.pop("gray")
@@ -370,12 +372,118 @@ def read_manifest(manifest: Path | str) -> FileRecording:
         raise InputError(f"{manifest}: {getattr(error, 'strerror', None) or error}") from error
 
 
-def import_recording(source: Path | str, target: Path | str) -> pd.DataFrame:
-    """Import a recording of any kind (`open_any`), all of it or nothing.
+@dataclass(frozen=True)
+class PictureFiles:
+    """Pictures in one file each."""
 
-    Returns
-    -------
-    DataFrame
-        What it holds, as `summarise_recording` reads it from the new folder.
+    files: Sequence[Path]
+    key: str | None = None
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``."""
+        return read_array(self.files[t], self.key)
+
+
+class Film:
+    """Frames of a film, decoded in order; a step back decodes it again from the start."""
+
+    def __init__(self, path: Path) -> None:
+        self.files, self._capture, self._next = [path], cv2.VideoCapture(str(path)), 0
+        self.frame_rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or 1.0
+        while self._capture.grab():  # the header may announce another length
+            self._next += 1
+        self._length = self._next
+        if not self._length:
+            raise InputError(f"{path}: no frame can be decoded. Convert it: ffmpeg -i FILM a.avi")
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``, colours as red, green, blue."""
+        if t < self._next:
+            self._capture, self._next = cv2.VideoCapture(str(self.files[0])), 0
+        for _ in range(self._next, t + 1):
+            self._capture.grab()
+        self._next = t + 1
+        return _from_bgr(self._capture.retrieve()[1])
+
+
+def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anything:
+    """Return the array or picture in a file, by its ending; colours as red, green, blue.
+
+    Parameters
+    ----------
+    path
+        The file. MAT v7.3 comes in MATLAB's order of axes, CSV as a structured array.
+    key
+        Variable or data set, where a file holds several.
+    stack
+        Whether one picture is a stack of one.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, naming the file.
     """
-    return summarise_recording(write_recording(open_any(source), target))
+    ending = path.suffix.lower()
+    try:
+        if ending in TIFFS:
+            pages = _tiff(path)
+            return pages if stack or len(pages) > 1 else pages[0]
+        if ending in PICTURES:
+            content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
+            picture = _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
+            return picture[None] if stack else picture
+        if ending == ".csv":
+            return pd.read_csv(path, skipinitialspace=True)[POINT].to_numpy()
+        if ending == ".npy":
+            return np.load(path, mmap_mode="r")
+        if ending in (".h5", ".hdf5", ".mat") and h5py.is_hdf5(path):
+            with h5py.File(path) as file:
+                return _chosen(file, key).T if ending == ".mat" else _chosen(file, key)
+        if ending == ".mat":
+            return _chosen(scipy.io.loadmat(path), key)
+        raise ValueError("this kind of file is not known; convert it")
+    except UNREADABLE as error:
+        reason = " ".join(str(error).split()) or "cut off"
+        raise InputError(f"{path}: cannot be read: {reason}. Is it cut off or damaged?") from error
+
+
+def _chosen(content: Any, key: str | None) -> Anything:
+    """Return an array of a file by its key, or the only one."""
+    names = [name for name in content if not name.startswith("__")]  # as loadmat's own
+    name = names[0] if key is None and len(names) == 1 else key
+    if not name or name not in content:
+        raise ValueError(f"key {key!r} is none of {', '.join(names)}")
+    return np.asarray(content[name])
+
+
+def _from_bgr(image: Anything | None) -> Anything:
+    if image is None:
+        raise ValueError("it cannot be decoded")
+    return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
+
+
+def _tiff(path: Path) -> Anything:
+    """Return the pages (n, rows, cols) or with colours, on disk where they can be mapped."""
+    with tifffile.TiffFile(path) as tif:
+        series, page = tif.series[0], tif.pages[0]
+        tif.filehandle.seek(tif.pages.next_page_offset or 0)
+        if any(tif.filehandle.read(4)):
+            raise ValueError("it ends within its pages")
+        try:
+            images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
+        except ValueError as error:
+            if "imagecodecs" not in str(error):
+                raise
+            images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
+    if images.dtype.newbyteorder("=") != page.dtype:
+        raise ValueError(f"its compression of {page.dtype} is not known")
+    if {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1} - set("TIQYXS"):
+        remedy = "Save one plane or channel, or call the axis T (ImageJ: Image > Properties)"
+        raise ValueError(f"of the axes {series.axes} only time (T) is read. {remedy}")
+    return images.reshape(-1, *page.shape)

@@ -23,7 +23,6 @@ from kilnflight.checks import LARGEST_WHOLE, InputError, check_number, check_sha
 LABELS = ("wall", "flame", "burning in air", "non-burning in air", "burning on the wall")
 
 Gray = npt.NDArray[np.uint16]
-NO_PIXELS, NO_XYZ = np.empty((0, 2), np.int32), np.empty((0, 3), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,8 @@ class Frame:
     index: int
     time_s: float
     gray: Gray
-    pixels: npt.NDArray[np.int32] = field(default_factory=lambda: NO_PIXELS)
-    xyz: Single = field(default_factory=lambda: NO_XYZ)
+    pixels: npt.NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    xyz: Single = field(default_factory=lambda: np.empty((0, 3), np.float32))
     labels: Picture | None = None
 
 
@@ -112,9 +111,9 @@ class Attributes:
             "roi": len(vertices) >= 3 and inside,
             "flame_roi": 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns,
         }
-        if wrong := [key for key, good in fits.items() if not good]:
-            fault = f"{getattr(self, wrong[0])!r} does not fit {rows} x {columns} px"
-            raise InputError(f"{where}, {wrong[0]}: {fault}.")
+        for key in (key for key, good in fits.items() if not good):
+            fault = f"{getattr(self, key)!r} does not fit {rows} x {columns} px"
+            raise InputError(f"{where}, {key}: {fault}.")
 
     @property
     def size(self) -> tuple[int, int]:
@@ -132,9 +131,8 @@ class Attributes:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return the attributes from values of JSON or TOML; lists become tuples."""
-        calibration = read_calibration(values.get("depth_calibration"))
-        others = {key: _tuples(value) for key, value in values.items()}
-        return cls(**others | {"depth_calibration": calibration})
+        calibration = {"depth_calibration": read_calibration(values.get("depth_calibration"))}
+        return cls(**{key: _tuples(value) for key, value in values.items()} | calibration)
 
 
 def _tuples(value: Any) -> Any:
@@ -165,28 +163,20 @@ def calibrated_cloud(recording: Recording, t: int) -> Array:
 def check_position(t: int, length: int, name: str) -> None:
     """Raise an `InputError` unless a recording of that length has a frame ``t``."""
     if not 0 <= t < length:
-        raise InputError(
-            f"recording {name}: there is no frame {t}; it has {length} frames, counted from 0."
-        )
+        raise InputError(f"recording {name}: there is no frame {t} in 0 to {length - 1}.")
 
 
 def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     """Return the frame, or raise an `InputError` naming the recording and the frame."""
     where, pixels = f"recording {attributes.name}, frame {frame.index}", frame.pixels
     check_number(frame.index, f"{where}: index", least=0, most=LARGEST_WHOLE, whole=True)
-    check_number(frame.time_s, f"{where}: time_s")
     shapes = {"gray": attributes.size, "pixels": (None, 2), "xyz": (len(pixels), 3)}
     for name, shape in shapes.items():
         check_shape(getattr(frame, name), shape, f"{where}: {name}")
-    faults = {
-        "outside the image": ((pixels < 0) | (pixels >= attributes.size)).any(axis=1),
-        "not finite; leave pixels without depth out": ~np.isfinite(frame.xyz).all(axis=1),
-        "given twice": pd.DataFrame(pixels).duplicated().to_numpy(),
-    }
-    for fault, points in faults.items():
-        if points.any():
-            place = f"the first at row, col {pixels[points.argmax()].tolist()}"
-            raise InputError(f"{where}: {points.sum()} point(s), {place}, are {fault}.")
+    wrong = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
+    if (wrong := wrong | pd.DataFrame(pixels).duplicated().to_numpy()).any():
+        place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"
+        raise InputError(f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice.")
     try:
         calibrate_points(frame.xyz, attributes.depth_calibration)
     except InputError as error:

@@ -16,10 +16,8 @@ checksum. A recording grows in a folder ``<name>.*.part`` and is moved out after
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -33,14 +31,14 @@ import zarr
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
-from kilnflight.checks import InputError, check_new
-from kilnflight.recording.frames import LABELS, Attributes, Frame, Gray, Recording, check_position
+from kilnflight.checks import InputError
+from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, check_position
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 POINTS_PER_CHUNK = 65_536
 KINDS = {"gray": "uint16", "pixels": "int32", "xyz": "float32", "labels": "uint8"}
+WIDTH = {"pixels": 2, "xyz": 3}  # numbers of a point
 PER_FRAME = {"index": "int64", "time_s": "float64", "points": "int64", "labelled": "bool"}
-PLAUSIBLE_DEPTH_MM = 100.0, 50_000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,20 +75,13 @@ class StoredRecording:
     def _read(self, name: str, t: int, n: int | None = None) -> npt.NDArray[Any]:
         """Return frame ``t`` of an array, of a point array its first ``n`` points."""
         array, folder = self.arrays[name], self.path / name / "c" / str(t)
-        if n == 0:
-            return np.empty((0, array.shape[2]), array.dtype)
-        chunks, fault = range(1 if n is None else -(-n // array.chunks[1])), "missing"
-        if all((folder / str(k) / "0").is_file() for k in chunks):  # else zarr gives zeros
-            try:
-                return np.asarray(array[t, :n])
-            except (RuntimeError, ValueError, OSError):  # what codecs raise on broken bytes
-                fault = "damaged"
-        raise InputError(f"{self.path}, frame {t}: its {name} is {fault}. Write it again.")
-
-    def truth(self) -> dict[str, pd.DataFrame]:
-        """Return the tables of the truth by name; none for a recording of a real kiln."""
-        files = sorted((self.path / "truth").glob("*.parquet"))
-        return {file.stem: pd.read_parquet(file) for file in files}
+        try:
+            for k in range(1 if n is None else -(-n // array.chunks[1])):
+                (folder / str(k) / "0").stat()  # of a chunk that is missing zarr makes zeros
+            return np.asarray(array[t, :n])
+        except (RuntimeError, ValueError, OSError) as error:  # of codecs, too, on broken bytes
+            fault = f"its {name} is missing or damaged. Write it again"
+            raise InputError(f"{self.path}, frame {t}: {fault}.") from error
 
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and frames, independent of the place.
@@ -103,10 +94,8 @@ class StoredRecording:
         for name in ("gray", "pixels", "xyz"):  # a missing chunk is reported when it is read
             for path in sorted(p for p in (self.path / name / "c").rglob("*") if p.is_file()):
                 with path.open("rb") as file:
-                    end = file.seek(0, os.SEEK_END)
-                    file.seek(max(end - 4, 0))
-                    label = f"{path.relative_to(self.path).as_posix()} {end} "
-                    digest.update(label.encode() + file.read())
+                    end = file.seek(max(path.stat().st_size - 4, 0))
+                    digest.update(f"{path.relative_to(self.path)} {end} ".encode() + file.read())
         return digest.hexdigest()[:12]
 
 
@@ -120,9 +109,7 @@ def open_recording(path: Path | str) -> StoredRecording:
     """
     path = Path(path)
     if not (path / "zarr.json").is_file():
-        cut = any(path.parent.glob(f"{glob.escape(path.name)}.*.part"))
-        fault = "its writing was cut off" if cut else "there is no recording"
-        raise InputError(f"{path}: {fault}. Give what kilnflight import or export wrote, or files.")
+        raise InputError(f"{path}: no recording, or its writing was cut off. Import it again.")
     try:
         group: Any = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
@@ -159,25 +146,26 @@ def write_recording(
     InputError
         If the target exists, or the numbers or times of the frames do not grow.
     """
-    path, name = Path(path), recording.attributes.name
+    path, where = Path(path), f"recording {recording.attributes.name}"
     frames = range(len(recording)) if frames is None else frames
-    check_new(path)
-    if not frames:
-        raise InputError(f"recording {name}: no frames to write.")
-    for t in (frames[0], frames[-1]):
-        check_position(t, len(recording), name)
+    if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
+        raise InputError(f"{path}: exists already, or {where} has no such frames.")
     path.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(".part", f"{path.name}.", path.parent) as folder:
         part, rows = Path(folder, path.name), []
-        group = _create(part, recording.attributes, len(frames))
+        group: Any = _create(part, recording.attributes, len(frames))
         # disable=None: a bar in a terminal, nothing in logs and notebooks
-        for position, t in enumerate(tqdm(frames, desc=name, unit="frame", disable=None)):
+        for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
             frame = recording.frame(t)
-            _write_frame(group, position, frame)
+            group["gray"][position] = frame.gray
+            for name in WIDTH if len(frame.xyz) else ():
+                group[name][position, : len(frame.xyz)] = getattr(frame, name)
+            if frame.labels is not None:
+                group["labels"][position] = frame.labels
             rows.append((frame.index, frame.time_s, len(frame.xyz), frame.labels is not None))
         per_frame = pd.DataFrame(rows, columns=list(PER_FRAME)).astype(PER_FRAME)
         if not (per_frame[["index", "time_s"]].diff()[1:] > 0).all(axis=None):
-            raise InputError(f"recording {name}: number and time must grow from frame to frame.")
+            raise InputError(f"{where}: number and time must grow from frame to frame.")
         for column, values in per_frame.items():
             group.create_array(str(column), data=values.to_numpy())
         for table_name, table in (truth or {}).items():
@@ -192,72 +180,11 @@ def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
     pixels = attributes.rows * attributes.columns
     content = {"format": FORMAT, **asdict(attributes)}
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
-    codec = ZstdCodec(level=1, checksum=True)
     for name, kind in KINDS.items():
-        width = {"pixels": 2, "xyz": 3}.get(name)
-        shape = (pixels, width) if width else attributes.size
-        chunks = (1, min(POINTS_PER_CHUNK, pixels), width) if width else (1, *attributes.size)
-        group.create_array(
-            name, shape=(length, *shape), chunks=chunks, dtype=kind, compressors=codec
-        )
+        shape = chunk = attributes.size
+        if width := WIDTH.get(name):
+            shape, chunk = (pixels, width), (min(POINTS_PER_CHUNK, pixels), width)
+        form: Any = {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": kind}
+        form["config"] = {"write_empty_chunks": True}  # a chunk without a file then is damage
+        group.create_array(name, compressors=ZstdCodec(level=1, checksum=True), **form)
     return group
-
-
-def _write_frame(group: Any, position: int, frame: Frame) -> None:
-    n = len(frame.xyz)
-    with zarr.config.set({"array.write_empty_chunks": True}):  # no file then means damage
-        group["gray"][position] = frame.gray
-        if n:
-            group["pixels"][position, :n] = frame.pixels
-            group["xyz"][position, :n] = frame.xyz
-        if frame.labels is not None:
-            group["labels"][position] = frame.labels
-
-
-def summarise_recording(recording: Recording) -> pd.DataFrame:
-    """Read every frame once; return rows of ``what`` and ``value``, both texts."""
-    rows, labels, attributes = [], np.zeros(len(LABELS), int), recording.attributes
-    for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
-        frame = recording.frame(t)
-        gray, z = frame.gray, frame.xyz[:, 2]
-        top, ends = gray.max(), (z.min(initial=np.inf), z.max(initial=-np.inf))
-        rows.append((gray.min(), top, np.count_nonzero(gray == top), len(z), *ends))
-        if frame.labels is not None:
-            labels += np.bincount(frame.labels.ravel(), minlength=len(LABELS))
-    table = pd.DataFrame(rows, columns=["low", "top", "at_top", "points", "near", "far"])
-    top, points, pixels = int(table["top"].max()), table["points"], len(rows) * gray.size
-    saturated = table.loc[table["top"] == top, "at_top"].sum() / pixels
-    facts = [
-        ("recording", attributes.name),
-        ("frames", f"{len(rows)} of {attributes.rows} x {attributes.columns} pixels"),
-        *(("", note) for note in attributes.notes),
-        ("gray", f"{table['low'].min()} to {top} ({top.bit_length()} bits)"),
-    ]
-    if top & (top + 1) == 0 and saturated > 0.001:  # all bits of the largest are 1
-        facts.append(("warning", f"{100 * saturated:.2f} % of the pixels are {top}: saturated?"))
-    if points.any():
-        near, far, calibration = (
-            table["near"].min(),
-            table["far"].max(),
-            attributes.depth_calibration,
-        )
-        per_frame = "{min:g} to {max:g} per frame, median {50%:g}".format(**points.describe())
-        true = "taken as true: no depth_calibration is stated"
-        if calibration is not None:
-            true = "{:.0f} and {:.0f} mm by its depth_calibration".format(*calibration([near, far]))
-        depth = f"{near:.0f} to {far:.0f} mm, as captured"
-        facts += [("points", per_frame), ("depth", depth), ("", true)]
-        if (points == 0).any():
-            facts.append(("warning", f"{(points == 0).sum()} frames without points"))
-        if near < PLAUSIBLE_DEPTH_MM[0] or far > PLAUSIBLE_DEPTH_MM[1]:
-            facts.append(("warning", "depths: is the unit right, is the invalid value?"))
-    if labels.any():
-        counts = zip(labels, LABELS, strict=True)
-        facts.append(("labels", ", ".join(f"{count} px {name}" for count, name in counts)))
-    return pd.DataFrame(facts, columns=["what", "value"])
-
-
-def aligned(rows: pd.DataFrame) -> str:
-    """Return rows of ``what`` and ``value`` as text, one a line."""
-    width = max(10, rows["what"].str.len().max())
-    return "\n".join(f"{what:<{width}}  {value}" for what, value in rows.to_numpy().tolist())

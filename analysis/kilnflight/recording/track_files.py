@@ -20,10 +20,11 @@ from xml.etree import ElementTree
 
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_target
+from kilnflight.checks import InputError, check_columns
 from kilnflight.project.cache import write_whole
 from kilnflight.tables import with_pixels
 
+ENDINGS = ("", ".csv", ".txt", ".parquet")
 TRACKPY = {"plane": "z", "row": "y", "col": "x", "frame": "frame", "particle": "particle"}
 CHALLENGE = {"particle": "particle", "frame": "t", "col": "x", "row": "y", "plane": "z"}
 NAPARI = {"particle": "ID", "frame": "T", "plane": "Z", "row": "Y", "col": "X"}
@@ -34,24 +35,16 @@ FORMATS = {"challenge": CHALLENGE, "napari": NAPARI, "trackmate": TRACKMATE, "tr
 SPOT_LINES = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(pixel),\n"
 
 
-def is_parquet(path: Path) -> bool:
-    """Return whether a table is Parquet by its name, or CSV; an `InputError` for other names."""
-    if path.suffix.lower() not in ("", ".csv", ".txt", ".parquet"):
-        raise InputError(f"{path}: name a table .csv or .parquet.")
-    return path.suffix.lower() == ".parquet"
-
-
 def check_table_target(path: Path, form: str = "csv") -> None:
     """Raise an `InputError` unless a table can get this name in a folder that exists."""
-    check_target(path)
-    if form == "csv":
-        is_parquet(path)
+    if not path.parent.is_dir() or (form == "csv" and path.suffix not in ENDINGS):
+        raise InputError(f"{path}: name a table .csv or .parquet, in a folder that exists.")
 
 
 def read_table(path: Path) -> pd.DataFrame:
     """Return a table with frame, and row, col or x, y in pixels, in any order of columns."""
     try:
-        table = pd.read_parquet(path) if is_parquet(path) else pd.read_csv(path)
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}). Give frame, row, col.") from error
@@ -62,8 +55,8 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     """Write a table whole or not at all; forms other than csv take tracks."""
     check_table_target(path, form)
     if form == "csv":
-        content = table.to_parquet() if is_parquet(path) else table.to_csv(index=False).encode()
-        write_whole(path, content)
+        as_csv = path.suffix != ".parquet"
+        write_whole(path, table.to_csv(index=False).encode() if as_csv else table.to_parquet())
         return
     check_columns(table, ["frame", "particle", "row", "col"], "tracks")
     tracks = table[table["particle"] >= 0].sort_values(["particle", "frame"], ignore_index=True)

@@ -21,7 +21,8 @@ from kilnflight.project.cache import clear_parts, locked, write_whole
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
-from kilnflight.recording.store import StoredRecording, aligned, open_recording, write_recording
+from kilnflight.recording.store import StoredRecording, open_recording, write_recording
+from kilnflight.run.contents import aligned
 from kilnflight.run.preparation import Inverted, Options, fitted_wall, noise_threshold, prepare
 from kilnflight.run.report import RunResults, page, plot_tracks, read_results, summary
 from kilnflight.tracklets import postprocess

@@ -253,7 +253,7 @@ def _lance(attributes: Attributes) -> Vector:
     if lance is None:
         raise InputError(
             f"recording {attributes.name}: where the lance ends is not known. Give --exit-point "
-            "x,y,z (mm, camera coordinates as captured), or lance_mm in its manifest."
+            "X Y Z (mm, camera coordinates as captured), or lance_mm in its manifest."
         )
     return lance
 
