@@ -19,11 +19,11 @@ from measure import Row
 from kilnflight import kiln
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import Settings
+from kilnflight.experiments.campaigns import LearnedSettings
 
 LENGTHS = (30, 100, 300)  # frames of confetti at 4.5 bar
 # About what the labelled frames teach (`lessons`), which is not measured here.
-LEARNED = Settings(283.0, Cylinder((68.0, 451.0, 8382.0), (0.0, 0.0, 1.0), 700.0), 713.0)
+LEARNED = LearnedSettings(283.0, Cylinder((68.0, 451.0, 8382.0), (0.0, 0.0, 1.0), 700.0), 713.0)
 
 
 def chain(frames: int) -> tuple[float, float]:

@@ -34,7 +34,7 @@ Timed = tuple[int, Array, Array]  # particle, times (n,) in s, places (n, 3) in 
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
 AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
-DRAWS = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
+TRIPLES = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
 LONGEST_S = 1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
 FARTHEST_MM = 1e100  # squares stay finite
 GRID = 65  # values of t0 on the grid that finds the valley
@@ -92,7 +92,7 @@ class Regression:
     -----
     Readings of section 4.3. (1) For a given t0 the best coefficients solve a linear problem, so t0
     is the only unknown left. (2) The range of t0 and its first guess are computed from three
-    random points, `DRAWS` times. The trust region of section 4.3 descends from its start. So t0
+    random points, `TRIPLES` times. The trust region of section 4.3 descends from its start. So t0
     is the local minimum downhill of the guess, not the global one. (3) The axis whose RMSE (Eq.
     4.30) falls most by one order more gets that order, until no RMSE falls by ``gain``. Section
     4.3 does not say which of the four measures must improve; RMSE is ours. (4) An order leaves
@@ -162,7 +162,7 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
     of the solutions. Their range is widened by its own width or by one step in time.
     """
     widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
-    order = np.argsort(np.random.default_rng(0).random((DRAWS, len(time))), axis=1)
+    order = np.argsort(np.random.default_rng(0).random((TRIPLES, len(time))), axis=1)
     drawn = np.sort(order[:, :3], axis=1)
     at = time[drawn]
     # Quadratics through the exit at t0 have vanishing second divided differences of moved / (t -
@@ -174,7 +174,7 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
         left = np.einsum("gdk,adk->adg", factors, moved[:, drawn]) ** 2
         return left.sum(axis=0) / (factors**2).sum(axis=2).T
 
-    low, high = np.tile(widest[:, None], DRAWS)
+    low, high = np.tile(widest[:, None], TRIPLES)
     for count in [GRID] + 10 * [17]:  # each but the first refines the grid by 8
         grid = np.linspace(low, high, count)
         best = np.argmin(cost(grid), axis=1)

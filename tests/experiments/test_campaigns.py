@@ -7,12 +7,12 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import Settings
+from kilnflight.experiments.campaigns import LearnedSettings
 from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS
 
 EXIT = (0.0, 0.0, 6500.0)
-LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
+LEARNED = LearnedSettings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
 
 def test_the_scales_are_those_of_the_thesis_or_parts():

@@ -53,7 +53,7 @@ CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
 
 
 @dataclass(frozen=True)
-class Settings:
+class LearnedSettings:
     """Settings of the detection in campaigns, found on labelled frames.
 
     No campaign shares any of these frames.
@@ -82,12 +82,12 @@ class Settings:
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0) -> Settings:
+def settings_from_labels(scale: str, seed: int = 0) -> LearnedSettings:
     """Return threshold, wall and limit from the labelled frames of the five subsets."""
     make, depends_on = partial(_settings, scale, seed), {"scale": scale, "seed": seed}
     values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
-    return Settings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
+    return LearnedSettings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
 def _settings(scale: str, seed: int) -> pd.DataFrame:
@@ -126,7 +126,7 @@ class Campaign(NamedTuple):
 
 
 def campaigns(
-    scale: str, settings: Settings, seed: int = 0, scenario: str = "base"
+    scale: str, settings: LearnedSettings, seed: int = 0, scenario: str = "base"
 ) -> list[Campaign]:
     """Return the campaigns of a scale; nothing is made yet.
 
@@ -149,7 +149,7 @@ def campaigns(
     ]
 
 
-def _run(name: str, scale: str, settings: Settings, seed: int, scenario: str) -> KilnRun:
+def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> KilnRun:
     source = TwinSource(scene_name(name, scenario), seed)
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]

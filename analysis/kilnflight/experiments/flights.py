@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Array
 from kilnflight.experiments.campaigns import (
     KEYS,
     CampaignKey,
@@ -34,7 +35,6 @@ from kilnflight.scores.intervals import Interval
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
 
-Array = npt.NDArray[np.float64]
 Values = Mapping[CampaignKey, FlightValues]
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 LEAST_FLIGHTS = 6  # in each campaign; claims are open with fewer

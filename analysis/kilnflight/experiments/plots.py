@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from kilnflight.arrays import Array
 from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.campaigns import CampaignKey, of_campaign
 from kilnflight.experiments.flights import Values
@@ -27,7 +28,6 @@ from kilnflight.project.style import (
 )
 from kilnflight.scores.flights import METRES
 
-Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}  # of scores
 

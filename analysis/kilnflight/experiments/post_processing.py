@@ -8,10 +8,10 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
+from kilnflight.arrays import Array
 from kilnflight.checks import InputError
 from kilnflight.experiments.tracking import Window, cells
 from kilnflight.experiments.tracking_scores import GATE_PX, MEAN, MEASURES, difference, measures_of
@@ -23,7 +23,6 @@ from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
 SPAN = 11  # frames that such a box sums
 HUNGARIAN = "Hungarian - dual nearest"
-Array = npt.NDArray[np.float64]
 MASKS = {"L": LAWS_LEVEL, "E": LAWS_EDGE, "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0])}  # Eq. 4.25
 MASKS |= {"W": np.array([-1.0, 2.0, 0.0, -2.0, 1.0]), "R": np.array([1.0, -4.0, 6.0, -4.0, 1.0])}
 

@@ -19,7 +19,7 @@ from kilnflight import tracklets
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.campaigns import Settings
+from kilnflight.experiments.campaigns import LearnedSettings
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.experiments.differences import StoredDifferences
 from kilnflight.experiments.sources import TwinSource
@@ -77,7 +77,7 @@ def scored_frames(twin: Twin, scale: str) -> range:
     return range(start, start + length)
 
 
-def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
+def windows(scale: str, settings: LearnedSettings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
@@ -116,7 +116,7 @@ def lance_of(twin: Twin) -> Lance:
     return Lance(float(row), float(col), float(attributes.exit_point_mm[2]))
 
 
-def follow(window: Window, tracker: Tracker) -> Stages:
+def track_window(window: Window, tracker: Tracker) -> Stages:
     """Return a window's tracks without and with post-processing."""
     tracks = tracker(window.detections)
     processed = tracklets.postprocess(tracks, window.differences)
@@ -124,9 +124,11 @@ def follow(window: Window, tracker: Tracker) -> Stages:
 
 
 def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tracked:
-    """Return `follow` of windows by fraction and tracker."""
+    """Return `track_window` of windows by fraction and tracker."""
     each = product(windows, trackers.items())
-    return {(window.fraction, name): follow(window, tracker) for window, (name, tracker) in each}
+    return {
+        (window.fraction, name): track_window(window, tracker) for window, (name, tracker) in each
+    }
 
 
 def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:

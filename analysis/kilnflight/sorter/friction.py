@@ -17,14 +17,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Array
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_VELOCITY_MM_S, BELT_WIDTH_MM
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.tables import BELT_TRACKS
-
-Array = npt.NDArray[np.float64]
 
 GRAVITY_MM_S2 = 9810.0
 

@@ -16,14 +16,11 @@ import pandas as pd
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from kilnflight.arrays import Picture
+from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError, check_columns, check_number
 from kilnflight.sorter.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
-
-Array = npt.NDArray[np.float64]
-Exact = npt.NDArray[np.float32]  # grey values before they are rounded
 
 
 @dataclass(frozen=True)
@@ -170,7 +167,7 @@ class Pictures:
 
 @njit(cache=True)
 def _cover(
-    part: Exact,
+    part: Single,
     first: tuple[int, int],
     place: tuple[float, float, float, float],
     turn: tuple[float, float],
@@ -210,7 +207,7 @@ def _cover(
 
 
 @njit(cache=True)
-def _rounded(picture: Exact, noise: Exact, noise_gray: np.float32) -> Picture:
+def _rounded(picture: Single, noise: Single, noise_gray: np.float32) -> Picture:
     """Return a picture with noise, in whole grey values."""
     rounded = np.empty(picture.shape, np.uint8)
     for i in range(picture.shape[0]):

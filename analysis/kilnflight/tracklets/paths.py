@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ class Paths(NamedTuple):
         return Paths(self.rows[points], self.frame[points], self.place[points], starts)
 
 
-class PathStep:
+class PathStep(ABC):
     """A step of post-processing, from `Paths` to `Paths`."""
 
     def __call__(self, tracks: pd.DataFrame, differences: Any = None) -> pd.DataFrame:
@@ -61,9 +62,9 @@ class PathStep:
         paths = read_paths(tracks, f"{type(self).__name__}: tracks")
         return write_paths(tracks, self.apply(paths, differences))
 
+    @abstractmethod
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets after this step."""
-        raise NotImplementedError
 
 
 def read_paths(tracks: pd.DataFrame, where: str) -> Paths:

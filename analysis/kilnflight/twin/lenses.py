@@ -36,7 +36,7 @@ FULL_COLUMNS = 2048
 INVERSE_MM = (10.0, 15_000.0)  # step and end of the table of Eq. 2.4
 BLOCKS = 3  # per lens and direction, in which contrast is summed
 # Depths between which the plate scatters most (sec. 2.1.5: 3 m), and where it no longer does
-NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
+_NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,9 @@ class LensCamera(DepthCamera):
         """
         depth = np.asarray(depth_mm, dtype=np.float64)
         relative = float(np.hypot(self.wall_error, self.static_bias))
-        begin, end = relative * NEAR_MM[0], relative * NEAR_MM[3]
-        near = np.interp(depth, NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
-        inside = (depth > NEAR_MM[0]) & (depth < NEAR_MM[3])
+        begin, end = relative * _NEAR_MM[0], relative * _NEAR_MM[3]
+        near = np.interp(depth, _NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
+        inside = (depth > _NEAR_MM[0]) & (depth < _NEAR_MM[3])
         return self.scale * np.where(inside, near, relative * depth)
 
     def particle_scale(self, contrast: Array) -> Array:
@@ -386,7 +386,7 @@ def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) 
     hidden
         Which blocks and which pixels are.
     lenses
-        The four lenses around each point and their weights, as of `Lattice.between`; of lenses
+        The four lenses around each point and their weights (`Lattice.between`); of lenses
         the error that changes, and what they see of particles.
     """
     (index, block, level), (blocks, pixels), (lens, weight, error, own) = points, hidden, lenses
