@@ -13,7 +13,6 @@ import pytest
 
 import kilnflight
 from kilnflight import background, belt
-from kilnflight.__main__ import main
 from kilnflight.association import GNN, JPDA, joint_probabilities
 from kilnflight.camera import calibrate_depth
 from kilnflight.checks import InputError
@@ -364,19 +363,6 @@ def test_an_array_goes_the_whole_way(count):
     figure = kilnflight.plot_tracks(recording, tracks)
     assert len(figure.axes) >= 1
     plt.close(figure)
-
-
-@pytest.mark.parametrize(
-    "command", ["info gone", "run gone", "detect gone d.csv", "track gone t.csv"]
-)
-def test_a_command_ends_with_one_line(command, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(command.split()) == 1
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert "gone" in output.err
-    assert len(output.err.splitlines()) == 1
-    assert not list(tmp_path.iterdir())
 
 
 # Bad input

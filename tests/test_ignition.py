@@ -79,17 +79,6 @@ def test_too_few_detections_to_judge():
     assert TEST(np.arange(12), np.repeat([1.0, 100.0], 6)).outcome == "seen"
 
 
-@few
-@given(st.integers(0, 99), st.floats(1e-2, 1e2), st.floats(-1e3, 1e3), st.integers(0, 60))
-def test_a_factor_and_a_shift_in_time_move_nothing(seed, factor, shift, at):
-    values = course(seed, at=at, high=5000.0, scatter=300.0)
-    one, other = TEST(TIME, values), TEST(TIME + shift, factor * values)
-    assert one.outcome == other.outcome
-    assert one.p_value == pytest.approx(other.p_value)
-    if one.outcome == "seen":
-        assert other.time_s == pytest.approx(one.time_s + shift, abs=1e-9)
-
-
 def test_the_test_holds_its_level_and_has_power():
     noise = np.random.default_rng(1).normal(1000.0, 50.0, (200, 40))
     rise = 250.0 * (np.arange(40) >= 20)

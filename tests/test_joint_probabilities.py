@@ -10,7 +10,6 @@ from scipy.linalg import block_diag
 from tests.definitions.joint_events import joint_probabilities as plain_probabilities
 
 from kilnflight.association import joint_probabilities
-from kilnflight.checks import InputError
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -72,24 +71,6 @@ def test_extreme_likelihoods_and_tracks_that_must_have_a_detection():
     np.testing.assert_allclose(result, np.column_stack([np.zeros(3), np.full((3, 3), 1 / 3)]))
     mixed = joint_probabilities([[1e300, 1e-300], [1e300, 0.0]], [1e-300, 1e300])
     np.testing.assert_allclose(mixed, [[0, 1, 0], [1, 0, 0]], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("likelihood", "missed", "name"),
-    [
-        ([[1.0], [1.0]], [0.0, 0.0], "nonassignment"),
-        (np.zeros((1, 0)), [0.0], "nonassignment"),
-        *(([[bad]], [1.0], "likelihood") for bad in (np.nan, np.inf, -2.0, "a")),
-        *(([[1.0]], [bad], "nonassignment") for bad in (np.nan, -1.0, None)),
-        ([[1.0]], [1.0, 1.0], "nonassignment"),
-        ([1.0], [1.0], "likelihood"),
-    ],
-)
-def test_bad_input_names_the_argument(likelihood, missed, name):
-    with pytest.raises(InputError, match=name):
-        joint_probabilities(likelihood, missed)
-    with pytest.raises(InputError, match="most_states"):
-        joint_probabilities([[1.0]], [1.0], most_states=3)
 
 
 def test_dense_groups_alone_leave_out_their_weakest_pairs():

@@ -221,14 +221,6 @@ def test_a_wrong_parameter_stops_all(real, given, message):
     assert ran(done) == []
 
 
-def test_a_named_folder_without_the_data_stops_make(real, tmp_path):
-    (real / "build" / "external.txt").unlink()
-    done = make(real, external=tmp_path / "empty")
-    assert done.returncode != 0
-    assert "which has no DEM_spheres_115.zip" in done.stderr
-    assert ran(done) == []
-
-
 def test_help_lists_every_target_with_its_comment(project):
     text = make(project, "help").stdout
     for target in ("quick standard full", "setup", "data", "test", "check", "bench", "clean"):

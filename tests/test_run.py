@@ -108,12 +108,6 @@ def test_the_lance_must_be_known_and_is_better_seen(prepare):
     assert "outside the picture" in prepare(lance_mm=(6000.0, 240.0, 6828.0))[2][0]
 
 
-@pytest.mark.parametrize("name", ["threshold", "in_air_mm", "bright", "air_m_s"])
-def test_options_are_above_0(name):
-    with pytest.raises(InputError, match=name):
-        run.Options(**{name: 0.0})
-
-
 def test_a_threshold_from_the_noise(stored):
     assert 5 < preparation.noise_threshold(stored) < 1000
     noisy = np.abs(np.random.default_rng(0).normal(0, 100, (256, 256))).astype(np.float32)

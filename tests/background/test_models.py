@@ -132,17 +132,6 @@ def test_a_still_recording_has_no_foreground(model, gray):
 
 
 @every_model
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_the_foreground_does_not_depend_on_the_other_frames_asked_for(model, dtype):
-    stack = noise(230, dtype=dtype)
-    whole = [foreground.copy() for foreground in model(stack, range(230))]
-    for indices in ([0], [229], (7, 3, 7), range(110, 50, -1), [0, 229, 3, 114, 150]):
-        for index, foreground in zip(indices, list(model(stack, iter(indices))), strict=True):
-            assert foreground.dtype == np.float32
-            assert foreground.tobytes() == whole[index].tobytes(), index
-
-
-@every_model
 def test_frames_are_read_once_and_only_where_needed(model):
     stack = Lazy(noise(400))
     list(model(stack, range(180, 260)))
@@ -182,25 +171,6 @@ def test_the_foreground_is_the_difference_or_its_positive_part(kind, dtype):
     np.testing.assert_allclose(list(kind()(stack, indices)), np.abs(exact), atol=1e-4)
     positive = list(kind(signed=True)(stack, indices))
     np.testing.assert_allclose(positive, np.maximum(exact, 0), atol=1e-4)
-
-
-@every_model
-@pytest.mark.parametrize(
-    ("frames", "indices", "name"),
-    [
-        (noise(20), [3, -1], "indices"),
-        (noise(20), 5, "indices"),
-        (noise(20), [1.5], "indices"),
-        ([*noise(10), *noise(10, (5, 8))], [10], "frame"),
-        ([*noise(10), *noise(10).astype(np.float32)], [10], "frame"),
-        (np.zeros((4, 5, 5, 3), np.uint16), [2], "frame"),
-        (np.zeros((4, 5, 5), np.complex64), [2], "frame"),
-        (np.full((4, 5, 5), np.nan), [2], "frame"),
-    ],
-)
-def test_unusable_frames_and_indices_are_refused(model, frames, indices, name):
-    with pytest.raises(InputError, match=name):
-        list(model(frames, indices))
 
 
 @pytest.mark.parametrize(

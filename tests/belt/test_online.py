@@ -15,7 +15,7 @@ from kilnflight.belt.pictures import MeasureSpots, Spots
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_PREDICTED, VALVE_EVENTS
+from kilnflight.tables import VALVE_EVENTS
 
 # One pixel per mm; the belt's first corner is pixel (10, 10).
 CALIBRATION = Calibration(np.array([[1.0, 0, 378.0], [0, 1.0, -10.0], [0, 0, 1]]), 0.0, 1.0)
@@ -134,9 +134,6 @@ def arrivals(*rows):
     """Predictions by time and place, particles numbered through."""
     time, y = np.array(rows, dtype=np.float64).reshape(-1, 2).T
     return pd.DataFrame({"particle": np.arange(len(rows)), "time_s": time, "y": y})
-
-
-NONE = BELT_PREDICTED.empty()
 
 
 @settings(max_examples=15)

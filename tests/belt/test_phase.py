@@ -22,7 +22,7 @@ from kilnflight.belt.phase import (
 from kilnflight.belt.tracker import LEFT, Appearance, BeltTracker, constant_velocity
 from kilnflight.checks import InputError
 from kilnflight.sorter import friction
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
+from kilnflight.tables import BELT_TRACKS
 
 PHASE = PredictionPhase()
 
@@ -69,13 +69,6 @@ def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acce
     np.testing.assert_allclose(after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained)
     stops = observed._replace(last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3))
     pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
-
-
-def test_no_tracks_give_empty_tables():
-    last, arrival, left_out = PHASE.observe(BELT_TRACKS.empty())
-    assert list(last.columns) == BELT_LAST.names
-    assert list(arrival.columns) == BELT_ARRIVAL.names
-    assert len(last) == len(arrival) == sum(left_out.values()) == 0
 
 
 def test_unusable_tracks_are_refused_by_name(constant_acceleration):

@@ -97,15 +97,6 @@ def test_places_are_millimetres_and_outside_is_left_out():
     assert narrow.table(pictures)["frame"].tolist() == [0, 2]
 
 
-def test_cutting_the_picture_changes_nothing():
-    rng = np.random.default_rng(0)
-    pictures = [with_discs(*rng.integers(0, [120, 160], (6, 2)).tolist()) for _ in range(5)]
-    area = replace(BELT, end_mm=430.0, width_mm=40.0)
-    cut, whole = (replace(MEASURE, area=each).table(pictures) for each in (area, BELT))
-    inside = whole[area.contains(whole[["x", "y"]].to_numpy())].reset_index(drop=True)
-    np.testing.assert_allclose(cut.sort_values(["frame", "x"]), inside.sort_values(["frame", "x"]))
-
-
 @pytest.mark.parametrize("wrong", [None, [[1, 2]], EMPTY[1:], EMPTY.astype(float)])
 def test_pictures_that_do_not_fit_are_refused(wrong):
     with pytest.raises(InputError, match="picture"):

@@ -57,16 +57,6 @@ def test_a_bad_table_and_a_torn_file_are_refused(tmp_path, text):
             read_dem(path)
 
 
-def test_some_but_not_all_files_are_an_error(monkeypatch, tmp_path):
-    monkeypatch.setattr("kilnflight.project.paths.external", lambda: tmp_path)
-    assert belt_2020.find_dem() == {}
-    monkeypatch.setattr(
-        "kilnflight.project.data.find", lambda name: tmp_path if "spheres" in name else None
-    )
-    with pytest.raises(InputError, match="cuboids, cylinders are missing"):
-        belt_2020.find_dem()
-
-
 def test_the_authors_files_hold_the_papers_particles(authors_data):
     """They end between 773 and 788 mm, which is why the target is 773 mm."""
     tracks = read_dem(belt_2020.find_dem()["spheres"])

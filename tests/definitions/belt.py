@@ -67,20 +67,3 @@ def valve_hits(bar, chosen, predicted, true):
             across = abs((valve + 0.5) * pitch - true[1][j]) <= width / 2
             hit[j] |= across and abs(predicted[0][i] - true[0][j]) <= bar.open_s / 2
     return hit
-
-
-def draw(picture, outline, soft_px, gray):
-    """Draw a particle: mean over its places, distance to a rectangle with round corners."""
-    row, col, angle, length, width, corner, down, ahead = outline.tolist()
-    count = max(1, int(np.ceil(np.hypot(down, ahead))))
-    moved = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
-    below, right = np.ogrid[: picture.shape[0], : picture.shape[1]]
-    below = (below - row - down * moved).astype(np.float32)
-    right = (right - col - ahead * moved).astype(np.float32)
-    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
-    u = np.abs(right * c + below * s) - (length - corner)
-    v = np.abs(below * c - right * s) - (width - corner)
-    outside = np.hypot(np.maximum(u, 0.0), np.maximum(v, 0.0))
-    distance = outside + np.minimum(np.maximum(u, v), 0.0) - corner
-    share = (0.5 - distance / soft_px).clip(0.0, 1.0).mean(axis=0).clip(0.0, 1.0)
-    picture += share * (gray - picture.astype(np.float64))

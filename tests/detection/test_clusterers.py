@@ -9,7 +9,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.definitions import clusters as plain
 
-from kilnflight.checks import InputError
 from kilnflight.detection import (
     CLUSTERERS,
     DBSCAN,
@@ -149,16 +148,6 @@ def test_blobs_are_found_and_numbered_by_their_first_point(clusterer):
         np.testing.assert_array_equal(labels, plain.renumbered(ball))
 
 
-@pytest.mark.parametrize("clusterer", CLUSTERERS + SMALL, ids=repr)
-def test_no_point_one_point_and_many_at_one_place(clusterer):
-    for nothing in (np.empty((0, 3)), []):
-        labels = clusterer(nothing)
-        assert (labels.shape, labels.dtype) == ((0,), np.intp)
-    alone = 0 if isinstance(clusterer, MorphologicalClustering) else -1
-    assert clusterer([[1.0, 2.0, 3.0]]).tolist() == [alone]
-    assert set(clusterer(np.full((400, 3), 7.5))) == {0}
-
-
 @each
 @few
 @given(seed=seeds)
@@ -177,38 +166,6 @@ def test_a_permutation_of_the_points_permutes_the_labels(clusterer, seed):
 def test_a_shift_of_the_cloud_changes_nothing(clusterer, shift, seed):
     points = np.round(uneven(seed) * 8) / 8  # eighths of a millimetre: differences are exact
     np.testing.assert_array_equal(clusterer(points), clusterer(points + np.array(shift)))
-
-
-@each
-@pytest.mark.parametrize(
-    "points",
-    [[[0.0, np.nan, 0.0]], np.zeros((5, 2)), np.zeros(3), "cloud", 1e300 * np.eye(3)],
-    ids=repr,
-)
-def test_points_that_cannot_be_used_are_refused(clusterer, points):
-    with pytest.raises(InputError, match="points"):
-        clusterer(points)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "name"),
-    [
-        (lambda: DBSCAN(0.0, 5), "eps"),
-        (lambda: DBSCAN(np.nan, 5), "eps"),
-        (lambda: DBSCAN(1.0, 2.5), "min_points"),
-        (lambda: MorphologicalClustering(0), "grid"),
-        (lambda: MorphologicalClustering(10**9), "grid"),
-        (lambda: QuasiClusterCenters(0, 0.1), "k"),
-        (lambda: QuasiClusterCenters(5, -0.1), "alpha"),
-        (lambda: QuasiClusterCenters(5, np.inf), "alpha"),
-        (lambda: k_distances(np.zeros((3, 3)), 4), "k"),
-        (lambda: k_distances(np.zeros((3, 3)), 1.5), "k"),
-        (lambda: DBSCAN(1e-4, 3)([[0.0, 0.0, 0.0], [0.0, 0.0, 9000.0]]), "points"),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused(wrong, name):
-    with pytest.raises(InputError, match=name):
-        wrong()
 
 
 @pytest.mark.parametrize(

@@ -123,17 +123,6 @@ def test_each_case_is_recognised():
     assert potential([], clusters_at()) == []
 
 
-def test_clusters_have_rectangles_and_centres_and_noise_is_in_none():
-    clusters = clusters_at((10, 10), (10, 20))
-    assert combine.rectangles(clusters).tolist() == [[10, 13, 10, 13], [10, 13, 20, 23]]
-    assert combine.centers(clusters).tolist() == [[11, 11], [11, 21]]
-    second = combine.take_clusters(clusters, np.array([False, True]))
-    assert combine.around(second.pixels).tolist() == [10, 13, 20, 23]
-    pixels = np.array([[1, 1], [5, 5], [1, 2], [9, 9]])
-    clusters = sort_clusters(pixels, np.zeros((4, 3)), np.array([7, -1, 7, 3]))
-    assert combine.centers(clusters)[:, 0].tolist() == [9.0, 1.0]
-
-
 @settings(max_examples=15)
 @given(
     st.lists(st.tuples(st.floats(-3, 62), st.floats(-3, 82), st.floats(0.25, 8)), max_size=8),

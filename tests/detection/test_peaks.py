@@ -1,5 +1,3 @@
-from itertools import pairwise
-
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tests.definitions.peaks import peaks
 
-from kilnflight.detection.peaks import Evidence, Smoother, find_peaks, have_peaks
+from kilnflight.detection.peaks import Evidence, find_peaks, have_peaks
 
 WHOLE, AREA = np.array([0, 40, 0, 60]), np.array([40, 61, 60, 81])
 NOTHING = np.zeros((120, 160), np.float32)
@@ -77,11 +75,3 @@ def test_peaks_are_counted_and_small_ones_beside_a_large_one_are_not():
     assert pair.peaks(AREA)[:, :2].round().tolist() == [[46, 66], [55, 75]]
     assert len(evidence(hills((46, 66, 30_000.0), (55, 76, 500.0))).peaks(AREA)) == 1
     assert evidence(NOTHING).peaks(AREA).shape == (0, 3)
-
-
-def test_a_smoother_remembers_the_frame_before():
-    frames, smooth = [*np.random.default_rng(4).integers(900, 1100, (4, 80, 90))], Smoother()
-    for before, now in pairwise(frames):
-        plain, other = (Evidence.of(now, before, 5.0, 0.5, *how) for how in ((), (smooth,)))
-        np.testing.assert_array_equal(plain.change, other.change)
-    assert smooth(now) is smooth(now)

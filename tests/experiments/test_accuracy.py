@@ -8,7 +8,6 @@ from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import accuracy, campaigns
 from kilnflight.experiments.accuracy import FlightTables, compare, errors
 from kilnflight.experiments.campaigns import LearnedSettings
-from kilnflight.experiments.tracking import true_particles
 
 LEARNED = LearnedSettings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
@@ -61,21 +60,6 @@ def test_errors_are_those_of_measurable_particles():
     assert (row["lit"], row["lit_detected"], row["unlit"]) == (1, 1, 0)
     assert row["detected_low"] < 0.5 < row["detected_high"]
     assert np.isnan(row["dwell_s_low"])  # of one particle nothing is sure
-
-
-def test_detections_belong_to_the_nearest_true_position_within_the_gate():
-    true = pd.DataFrame(
-        {"frame": [0, 0, 1], "particle": [7, 8, 7], "row": [10.0, 50, 12], "col": 5.0}
-    )
-    seen = pd.DataFrame({"frame": [0, 0, 1, 2], "row": [11.0, 90, 13, 12], "col": 5.0})
-    assert true_particles(seen, true).tolist() == [7, -1, 7, -1]
-
-
-def test_a_track_belongs_to_the_particle_of_at_least_half_of_it():
-    tracks = pd.DataFrame({"particle": [1, 1, 1, 2, 2, 2, -1], "frame": range(7), "col": 5.0})
-    tracks = tracks.assign(row=[10.0, 10, 500, 10, 20, 30, 10])
-    true = tracks.assign(particle=[7, 7, 7, 7, 8, 9, 7], row=[10.0, 10, 10, 10, 20, 30, 10])
-    assert accuracy.particle_of_track(tracks, true).to_dict() == {1: 7, 2: -1}
 
 
 def test_true_places_replace_those_of_known_owners_and_links_lose_depths_of_no_gate():

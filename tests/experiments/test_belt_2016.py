@@ -7,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.experiments import belt_2016
-from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.friction import FrictionBelt
-from kilnflight.sorter.rendering import Pictures
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 # Three lanes of particles at constant velocity, so that every prediction is exact.
@@ -39,13 +37,6 @@ def last_of(velocity=1000.0, across=20.0, particle=0):
 
 def arrived(time=0.6, y=92.0, particle=0):
     return pd.DataFrame([(particle, time, y, 0.0)], columns=BELT_ARRIVAL.names)
-
-
-def test_a_track_is_matched_with_the_particle_beside_it():
-    truth = pd.concat([path(7, 400, 90), path(8, 400, 95), path(9, 400, 91, range(3))])
-    tracks = pd.concat([path(0, 400.5, 94), path(1, 400, 90.4), path(2, 400, 90, range(9))])
-    pairs = belt_2016.match(tracks, truth)
-    assert pairs.to_dict() == {0: 8, 1: 7}
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -89,13 +80,3 @@ def test_without_noise_constant_velocity_is_exact(bodies):
     straight = table[table["approach"] == "Straight"]
     assert straight["temporal_ms"].isna().all()
     assert straight["lateral_mm"].abs().max() > 0.3
-
-
-def test_images_give_the_same_to_a_millimetre(bodies):
-    pictured = belt_2016.track_pictures(Pictures(bodies, BULKS["spheres"], 0))
-    table = belt_2016.from_images(pictured, bodies)
-    tracked = table[table["approach"] == "Tracking"]
-    assert tracked["particle"].nunique() >= 5
-    assert tracked["lateral_mm"].abs().median() < 0.5
-    assert tracked["temporal_ms"].abs().median() < 1.0
-    assert set(table["approach"]) == {"Tracking", "Straight"}

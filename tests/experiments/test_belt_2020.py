@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.phase import SUMMARY, arrival_deviations, evaluate
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import PHASE
 
@@ -29,19 +28,6 @@ def test_resampled_tracks_keep_a_cubic_and_every_observation():
     t = fast["time_s"].to_numpy()
     np.testing.assert_allclose(fast["x"], 900 * t + 300 * t**2 - 80 * t**3, atol=1e-9)
     pd.testing.assert_frame_equal(belt_2020.resample(fast, 100.0), path, check_dtype=False)
-
-
-def test_models_are_summed_up_by_the_median_of_the_draws(observed):
-    table = belt_2020.compare_models(observed, PHASE, arrival_deviations, 3, 1)
-    assert table.columns[:3].tolist() == ["data_set", "model", SUMMARY[0]]
-    assert len(table) == 3 * 6
-    draws = evaluate(observed["cuboids"], PHASE, arrival_deviations, 3, 1)
-    mae = draws.groupby("model")["mae"].median()
-    part = table[table["data_set"] == "cuboids"].set_index("model")
-    assert part["mae"].to_dict() == mae.to_dict()
-    assert (part["mae_low"] <= part["mae"]).all()
-    named = belt_2020.with_unit(table, "ms").columns
-    assert {"median_ms", "whisker_low_ms", "iqr_high_ms", "n", "model"} <= set(named)
 
 
 def shifted(part, phase, calibration):

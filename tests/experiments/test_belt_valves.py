@@ -21,14 +21,6 @@ def exact():
     return belt_valves.of_bodies(few(np.random.default_rng(0)), PredictionPhase())
 
 
-def test_halves_hold_every_particle_and_track_once_and_by_time(exact):
-    first, second = exact.halves()
-    assert (len(first.arrival), len(second.arrival)) == (150, 150)
-    assert first.arrival["time_s"].max() < second.arrival["time_s"].min()
-    assert set(first.truth) == set(first.arrival["particle"])
-    assert len(first.last) + len(second.last) == len(exact.last)
-
-
 def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
     last = pd.DataFrame({"particle": [7, 8, 9]})
     arrival = pd.DataFrame({"particle": [4, 5], "time_s": [0.1, 0.2], "y": [10.0, 50.0]})

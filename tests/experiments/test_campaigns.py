@@ -2,28 +2,12 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 
-from kilnflight.checks import InputError
-from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import LearnedSettings
 from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS
 
 EXIT = (0.0, 0.0, 6500.0)
-LEARNED = LearnedSettings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
-
-
-def test_the_scales_are_those_of_the_thesis_or_parts():
-    for scale, number, frames in (("quick", 2, 48), ("standard", 4, 800), ("full", 8, 24892)):
-        some = campaigns.campaigns(scale, LEARNED)
-        assert len(some) == number
-        assert sum(len(one.frames) for one in some) == frames
-        x, y, z = some[0].run.exit_point_mm
-        assert (x, y, z) == pytest.approx((-66.1, 214.9, 5856.0), abs=15)  # pose.json
-    with pytest.raises(InputError, match="no scale 'huge'; there are quick"):
-        campaigns.campaigns("huge", LEARNED)
 
 
 def track(particle, speed, start=0, count=40):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kilnflight import background, kiln
-from kilnflight.detection import DBSCAN, DoG
+from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables
@@ -57,20 +57,6 @@ def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
     assert table["tp"].tolist() == [1, 1, 0]
     assert table["tp_near"].tolist() == [1, 0, 0]
     assert table["fn_near"].tolist() == [0, 1, 1]
-
-
-def test_detectors_of_each_kind_are_methods(subset):
-    methods = {
-        "picture": detection.from_foreground(DoG(1500.0)),
-        "cloud": detection.from_cloud(DBSCAN(60.0, 4)),
-        **detection.table_5_11_methods(1500.0, subset.recording.attributes.roi),
-    }
-    table = detection.run([subset._replace(frames=(75,))], methods)
-    assert list(table["method"]) == list(methods)
-    assert (table[["tp", "fp", "fn"]] >= 0).all(axis=None)
-    assert len(set(table["tp"] + table["fn"])) == 1
-    printed = {"2D-OTSU", "3D-DBSCAN Clustering", "Combi SIFT+QCC"}
-    assert printed < set(methods)
 
 
 def test_positions_are_means_of_the_points_in_the_pixels(subset):

@@ -1,41 +1,9 @@
-from itertools import product
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import detection, detection_tables
-from kilnflight.project import claims
+from kilnflight.experiments import detection_tables
 from kilnflight.twin.camera import Geometry
-
-
-def cloud_attempts():
-    """Return a frame of two subsets with every published setting; ten particles of each class."""
-    rows = [
-        {
-            "family": family,
-            "row": row,
-            "subset": subset,
-            "tp": 20,
-            "fp": 50 - 2 * row,
-            "fn": 10 + row,
-        }
-        for family, table in detection.TABLES.items()
-        for subset, row in product(("V1", "V4"), claims.published(table).index)
-    ]
-    table = pd.DataFrame(rows).assign(seconds=0.1)
-    return table.join(table[["tp", "fp", "fn"]].add_suffix("_pixels"))
-
-
-def test_the_total_of_a_clusterer_stands_beside_the_publication():
-    printed = claims.published("table_5.8")
-    table = detection_tables.cluster_table(cloud_attempts(), "dbscan")
-    assert list(table.columns[:3]) == ["minPts", "epsilon_mm", "subset"]
-    total = table[table["subset"] == "Total"]
-    assert total["f1_published"].tolist() == printed["f1"].tolist()
-    assert total["epsilon_mm"].tolist() == printed["epsilon_mm"].tolist()
-    assert total["tp"].unique() == 40
-    assert table.loc[table["subset"] != "Total", "f1_published"].isna().all()
 
 
 def attempts(**true_positives):

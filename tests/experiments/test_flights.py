@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from kilnflight.experiments import flights
-from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import FlightValues, outcomes
 from kilnflight.scores.intervals import Interval
-from kilnflight.twin.particles import FRACTIONS
 
 CELL = ("confetti", 4.5)
 NONE = FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
@@ -52,18 +50,6 @@ def test_shares_have_wilsons_interval_of_what_is_counted(outcome, number, of):
     values = FlightValues(np.array([0.2, 0.3, 0.35, 0.5]), np.full((8, 5), np.nan), ignition, far)
     found = flights.interval_of(values, outcome, np.random.default_rng(0))
     np.testing.assert_allclose(found[:3], 100 * np.array(intervals.share(number, of)[:3]))
-
-
-def test_every_printed_number_has_an_outcome_and_a_row_for_each_fraction():
-    printed = claims.published("flight")
-    numbers = printed.dropna(subset=["value_low", "value_high"], how="all")
-    assert set(numbers.loc[numbers["outcome"].isna(), "quantity"]) == {"sequence_length"}
-    table = flights.printed_numbers()
-    assert set(table["outcome"]) <= set(outcomes(flown()).index)
-    dwell = table[table["outcome"] == "dwell median (s)"]
-    assert dwell["fraction"].tolist() == list(FRACTIONS)
-    most = table[table["outcome"] == "dwell > 0.4 s (%)"]
-    assert most[["low", "high"]].to_numpy().tolist() == [[50, 100]] * 2
 
 
 @pytest.mark.parametrize(

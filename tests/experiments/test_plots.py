@@ -6,10 +6,6 @@ import pandas as pd
 from kilnflight.experiments import plots
 
 
-def lines(axes):
-    return {line.get_label(): line.get_xydata() for line in axes.lines}
-
-
 def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
     axes.set_ylim(0, 10)
     columns = {"low": [3.0, np.nan, 5.0, 1.0], "high": [np.nan, 4.0, 5.0, 2.0]}
@@ -22,22 +18,6 @@ def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
     axes.set_ylim(0, 4.5)
     plots.draw_published(axes, pd.DataFrame({"at": [1.0], "low": [7.1], "high": [7.1]}))
     assert axes.get_ylim()[1] > 7.1  # no printed value is cut off
-
-
-def test_intervals_have_a_row_per_method_the_first_on_top(axes):
-    table = pd.DataFrame(
-        {"f1": [0.8, 0.6], "f1_low": [0.7, 0.5], "f1_high": [0.85, 0.65], "printed": [0.9, np.nan],
-         "pixels": [0.75, 0.55]},
-        index=["best", "other"],
-    )  # fmt: skip
-    plots.draw_intervals(axes, table, "printed", "pixels")
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["best", "other"]
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]
-    bars = [segment for bars in axes.collections for segment in bars.get_segments()]
-    np.testing.assert_allclose(bars, [[[0.7, 0], [0.85, 0]], [[0.5, 1], [0.65, 1]]])
-    drawn = lines(axes)
-    np.testing.assert_array_equal(drawn["in pixels"], [[0.75, 0], [0.55, 1]])
-    np.testing.assert_array_equal(drawn["published"], [[0.9, 0], [np.nan, 1]])
 
 
 def test_no_line_is_drawn_where_a_track_misses_frames():

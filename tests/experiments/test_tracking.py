@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight import tracklets
-from kilnflight.experiments import trackers, tracking, tracking_scores
+from kilnflight.experiments import tracking, tracking_scores
 from kilnflight.experiments.tracking_scores import Lance
 from kilnflight.tracking.tracker import track
 
@@ -67,11 +67,3 @@ def test_defaults_of_the_steps_are_those_of_table_5_16():
     assert (connection.gap, connection.overlap, connection.depth) == (15, 5, 1500.0)
     assert fusion.distance == 10.0
     assert tuple(vars(connection.costs).values()) == (2.0, 2.0, 0.1, 1.0, 2.0, 1e11)
-
-
-def test_settings_that_are_not_printed_come_from_a_table():
-    gnn, jpda = (trackers.chosen(name).keywords for name in ("GNN", "JPDA"))
-    assert (gnn["gate"].distance, gnn["motion"].noise) == (3.0, 0.5)
-    assert gnn["management"].invisible == 5
-    assert jpda["gate"].distance < gnn["gate"].distance  # section 5.2.3
-    assert type(jpda["associator"]).__name__ == "JPDA"

@@ -1,13 +1,10 @@
 """Space-sliced velocities of polynomials with known crossings."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
 from kilnflight.flight import reaching, slices, space_sliced_velocity
 from kilnflight.tables import SLICES
 
@@ -83,13 +80,3 @@ def test_many_flights_and_their_share_in_each_slice(polynomials):
     assert len(slices(fits, {4: 0.15, 9: 9.0})) == 4
     assert list(slices({}).columns) == SLICES.names
     assert len(reaching(slices({}), 0)) == 0
-
-
-def test_bad_input_is_named(polynomials):
-    fit = polynomials(((), (), (-10_000.0,)))
-    for name, wrong in (("slice_m", 0.0), ("slice_m", 1e-4), ("until_s", float("nan"))):
-        with pytest.raises(InputError, match=name):
-            space_sliced_velocity(fit, **{name: wrong})
-    for wrong in (replace(fit, t0=0.5), polynomials(((), (), (np.nan,)))):
-        with pytest.raises(InputError, match="fit"):
-            space_sliced_velocity(wrong)

@@ -6,10 +6,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from kilnflight import camera, kiln
+from kilnflight import kiln
 from kilnflight.checks import InputError
 from kilnflight.project import cache
-from kilnflight.project.cache import CachedTable, cached, write_whole
+from kilnflight.project.cache import cached, write_whole
 from kilnflight.twin.scene import Twin
 
 
@@ -57,14 +57,6 @@ def test_a_table_is_made_once_for_each_argument(tmp_path):
     assert Numbers(None, 3).first.path.parent == tmp_path / "derived"
 
 
-def test_a_damaged_table_is_told(tmp_path):
-    table = CachedTable("numbers", lambda: pd.DataFrame({"a": [1]}), {}, tmp_path)
-    table()
-    table.path.write_bytes(b"PAR1")
-    with pytest.raises(InputError, match="Delete it"):
-        table()
-
-
 @pytest.fixture
 def package(tmp_path, monkeypatch):
     """A copy of the package, which the hashes are taken of."""
@@ -88,9 +80,3 @@ def test_imported_code_and_data_beside_it_count(request):
         assert (cache.code_hash(kiln.detect_frames) != before) == counts
     (package / "twin" / "new.csv").write_text("a\n")
     assert cache.code_hash(Twin) != twin
-
-
-def test_instances_and_functions_count():
-    assert cache.code_hash(Twin) != cache.code_hash(camera.calibrate_depth)
-    assert cache.code_hash(kiln.Combination()) != cache.code_hash()
-    assert cache.code_hash(1, "a", None) == cache.code_hash()

@@ -53,25 +53,6 @@ def test_a_picture_is_png_pdf_and_csv_and_a_table_a_csv():
     assert index["fig-1"]["provenance"] == RECORD
 
 
-def test_a_reduced_run_saves_half_the_pixels_and_no_pdf():
-    save(picture=drawn())
-    save("fig-2", picture=drawn(), provenance=replace(MADE, parameters={"scale": "quick"}))
-    assert {name for name in files() if "fig-2" in name} == {"fig-2.png", "fig-2.csv"}
-    widths = []
-    for name in ("fig-1.png", "fig-2.png"):
-        with Image.open(paths.figures() / name) as image:
-            widths.append(image.width)
-    assert widths[0] == pytest.approx(2 * widths[1], abs=1)
-
-
-def test_a_figure_that_is_saved_again_or_lost_is_known():
-    save(caption="Before.")
-    save(caption="After.")
-    assert figures.index()["figures"]["fig-1"]["caption"] == "After."
-    (paths.figures() / "fig-1.csv").unlink()
-    assert figures.index()["figures"] == {}
-
-
 def test_the_same_input_gives_the_same_bytes():
     save(picture=drawn())
     first = files()
@@ -154,14 +135,3 @@ def test_the_commit_is_the_last_one_that_touched_what_counts(project):
     assert figures.trace("n", {}).commit == first + "+changes"
     git("commit", "-qam", "three")
     assert figures.trace("n", {}).commit == git("rev-parse", "HEAD").stdout.strip()
-
-
-def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tmp_path_factory):
-    empty = tmp_path_factory.mktemp("no-git")
-    (empty / "data/reference").mkdir(parents=True)
-    (empty / "data/reference/claims.csv").write_text("")
-    monkeypatch.setenv("KILNFLIGHT_ROOT", str(empty))
-    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(empty.parent))
-    assert figures.trace("n", {}).commit == ""
-    monkeypatch.setenv("PATH", str(empty))
-    assert figures.trace("n", {}).commit == ""

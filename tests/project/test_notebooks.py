@@ -102,12 +102,3 @@ def test_a_wrong_parameter_is_one_line_and_nothing_runs(notebook, tmp_path, caps
     assert re.search(message, error)
     assert len(error.splitlines()) == 1
     assert not (tmp_path / "b").exists()
-
-
-def test_a_source_without_parameters_is_told(tmp_path, capsys):
-    path = tmp_path / "07_test.py"
-    path.write_text("# %%\n1 + 1\n")
-    assert notebooks.main([str(path)]) == 1
-    assert "no cell is tagged parameters" in capsys.readouterr().err
-    assert notebooks.main([str(tmp_path / "gone" / "08.py")]) == 1
-    assert "No such file" in capsys.readouterr().err

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import pytest
-from tqdm import tqdm
 
 from kilnflight.checks import InputError
 from kilnflight.project import parallel
@@ -68,14 +67,3 @@ def test_a_killed_process_is_told():
 def test_a_number_of_processes_that_is_none(jobs):
     with pytest.raises(InputError, match="jobs"):
         Workers(jobs)
-
-
-def test_the_bar_counts_frames_and_what_was_there(tmp_path, capsys, monkeypatch):
-    def always(**options):
-        return tqdm(**{**options, "disable": False, "mininterval": 0})
-
-    monkeypatch.setattr(parallel, "tqdm", always)
-    Workers()(partial(note, tmp_path), [1, 2], [30, 10], "noting", before=60)
-    shown = capsys.readouterr().err
-    assert "noting:  60%" in shown
-    assert "100/100" in shown

@@ -1,29 +1,6 @@
 import numpy as np
-import pandas as pd
-from matplotlib.colors import to_rgb
 
 from kilnflight.project import style
-
-
-def lightness(colour):
-    return float(np.dot(to_rgb(colour), [0.2126, 0.7152, 0.0722]))
-
-
-def test_lines_differ_in_grey_or_in_dashes():
-    """Neighbours in the cycle stay apart without colour: by lightness or by line style."""
-    for one, two in zip(style.COLOURS, style.COLOURS[1:], strict=False):
-        assert one != two
-        assert abs(lightness(one) - lightness(two)) > 0.05
-    assert len(set(map(str, style.LINES))) == len(style.LINES) == len(style.COLOURS)
-
-
-def test_boxes_are_drawn_where_the_summary_says():
-    _, ((axes,),) = style.canvas()
-    row = {"whisker_low": -3.0, "q25": -1.0, "median": 0.5, "q75": 1.0, "whisker_high": 4.0}
-    style.draw_boxes(axes, pd.DataFrame([row, row]))
-    heights = {tuple(line.get_ydata()) for line in axes.lines}
-    assert {(-1.0, -3.0), (1.0, 4.0), (0.5, 0.5)} <= heights
-    assert len(axes.patches) == 2
 
 
 def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():

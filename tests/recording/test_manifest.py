@@ -231,11 +231,3 @@ def test_one_clear_error_and_nothing_left(files, break_it, named):
     assert "\n" not in str(caught.value)
     left = files.target.parent.glob("*") if files.target.parent.exists() else []
     assert [path.name for path in left] in ([], ["small.zarr"])
-
-
-@pytest.mark.parametrize("content", [None, b"name = ", b"\xff"])
-def test_a_file_that_is_no_manifest_is_refused(tmp_path, content):
-    if content is not None:
-        (tmp_path / "m.toml").write_bytes(content)
-    with pytest.raises(InputError, match=r"m\.toml"):
-        open_any(tmp_path / "m.toml")

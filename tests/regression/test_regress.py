@@ -182,23 +182,6 @@ def test_every_track_has_its_row_and_the_fits_come_back():
     assert fits(regress_all(tracks.iloc[:0], EXIT, RATE)) == {}
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "more"),
-    [
-        ("frame_rate_hz", {}, (EXIT, 0.0)),
-        ("exit_point", {}, ((1.0, 2.0, np.nan), RATE)),
-        ("column z", {"z": "far"}, (EXIT, RATE)),
-        ("column particle", {"particle": 0.5}, (EXIT, RATE)),
-        ("time_s", {}, (EXIT,)),
-    ],
-)
-def test_bad_input_is_named(name, change, more):
-    with pytest.raises(InputError, match=name):
-        regress_all(flight().assign(**change), *more)
-    with pytest.raises(InputError, match="track"):
-        regress(flight().iloc[:0], EXIT, RATE)
-
-
 def test_depth_beyond_any_kiln_and_orders_beyond_the_table_are_refused():
     with pytest.raises(InputError, match="z"):
         regress(flight().assign(z=1e200), EXIT, RATE)

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.definitions import track_measures
 
-from kilnflight.checks import InputError
 from kilnflight.scores import score_tracks
 
 few = settings(max_examples=25, deadline=None)
@@ -128,20 +127,3 @@ def test_order_numbers_and_unit_do_not_matter(truth, candidate, gate, seed):
         64.0 * gate,
     )  # fmt: skip
     assert (again.alpha, again.beta, points(again)) == (score.alpha, score.beta, points(score))
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("truth", {"truth": TRUTH.assign(particle=-1)}),
-        ("truth.*row", {"truth": TRUTH.assign(row=np.nan)}),
-        ("candidate.*frame", {"candidate": TRUTH.assign(frame=0.5)}),
-        ("candidate.*frame 3", {"candidate": pd.concat([TRUTH, TRUTH[3:4]])}),
-        ("candidate", {"candidate": [1, 2]}),
-        ("columns", {"columns": ("row", "row")}),
-        ("columns", {"columns": "row"}),
-    ],
-)
-def test_bad_input_is_named(name, change):
-    with pytest.raises(InputError, match=name):
-        score_tracks(**{"truth": TRUTH, "candidate": TRUTH, "gate": 5.0, **change})

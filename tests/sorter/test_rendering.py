@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from tests.definitions import belt as plain
 
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError
@@ -45,24 +44,6 @@ def test_a_particle_has_its_area_and_its_place(name):
     place = [(share * rows).sum() / share.sum(), (share * cols).sum() / share.sum()]
     expected = LEVEL.pixels(np.array([[520.3, 60.7, bulk.rest_mm]]))[0]
     np.testing.assert_allclose(place, expected, atol=0.1)
-
-
-@pytest.mark.parametrize("name", BULKS)
-def test_particles_are_drawn_as_the_plain_definition_has_it_to_the_bit(name):
-    rng = np.random.default_rng(3)
-    places = {"x": rng.uniform(395, 780, 6), "y": rng.uniform(5, 175, 6)}
-    turned = {"angle_rad": rng.uniform(0, np.pi, 6)}
-    now = pd.DataFrame({"frame": 0, "particle": range(6), "time_s": 0.0} | places | turned)
-    ahead = {"x": now["x"] + 7.0, "y": now["y"] + rng.normal(0, 0.45, 6)}
-    later = now.assign(frame=1, time_s=0.005, **ahead)
-    pictures = Pictures(pd.concat([now, later], ignore_index=True), BULKS[name], 4)
-    visible = at_rate(pictures.tracks, 200.0)
-    drawn = pictures._empty()
-    for outline in pictures._outlines(visible)[(visible["frame"] == 0).to_numpy()]:
-        plain.draw(drawn, outline, pictures.soft_px, pictures.particle_gray)
-    noise = np.random.default_rng([4, 1, 0]).standard_normal(drawn.shape, dtype=np.float32)
-    drawn += noise * np.float32(3.0)
-    np.testing.assert_array_equal(pictures[0], np.rint(drawn).clip(0, 255).astype(np.uint8))
 
 
 def test_frames_do_not_depend_on_which_others_are_requested():

@@ -139,26 +139,6 @@ def test_places_may_be_named_x_and_y(names):
     assert result["particle"].tolist() == track(CROSSING)["particle"].tolist()
 
 
-TABLE = FLIGHT[:3].assign(z=1.0, points=2, particle=0)
-
-
-@pytest.mark.parametrize(
-    ("table", "name"),
-    [
-        (np.zeros((3, 3)), "detections"),
-        (TABLE[["frame", "row"]], "col"),
-        *((pd.concat([TABLE, TABLE[[name]]], axis=1), name) for name in ("row", "z", "particle")),
-        *((TABLE.assign(frame=bad), "frame") for bad in (0.5, np.nan, "0", -1)),
-        *((TABLE.assign(row=bad), "row") for bad in (np.nan, np.inf, 1j, "far")),
-        *((TABLE.assign(z=bad), "z") for bad in (np.inf, 1j, True, "far")),
-        (TABLE.assign(points="few"), "points"),
-    ],
-)
-def test_bad_input_names_the_column(table, name):
-    with pytest.raises(InputError, match=rf"\b{name}\b"):
-        track(table)
-
-
 def test_bad_management_names_the_argument():
     for name, bad in (
         ("visibility", 1.5),

@@ -9,7 +9,6 @@ from scipy.optimize import linear_sum_assignment
 from tests.definitions import plain_tracklets as plain
 from tests.definitions.plain_tracklets import make_flights, make_table
 
-from kilnflight.checks import InputError
 from kilnflight.tracklets import (
     STEPS,
     Connection,
@@ -125,27 +124,6 @@ def test_a_merged_frame_is_the_mean_and_the_other_row_keeps_its_place():
     result = Connection()(deep)
     assert result.index[result["particle"] == -1].tolist() == [9]
     assert result.loc[10, ["row", "z"]].tolist() == [45.0, 3000.0]
-
-
-TABLE = make_table(([0, 1, 2], [0.0, 5.0, 10.0], 0.0))
-
-
-@pytest.mark.parametrize(
-    ("table", "name"),
-    [
-        (TABLE.drop(columns="row"), "row"),
-        *((TABLE.assign(col=bad), "col") for bad in (np.nan, np.inf, 1j, "a")),
-        (TABLE.assign(z=-np.inf), "z"),
-        *((TABLE.assign(frame=bad), "frame") for bad in ([0.0, 0.5, 2.0], [0, 1, 1], np.nan)),
-        *((TABLE.assign(particle=bad), "particle") for bad in (-7, "a")),
-        (pd.concat([TABLE, TABLE["row"]], axis=1), "row"),
-        (TABLE.to_numpy(), "table"),
-    ],
-)
-def test_bad_input_names_the_column(table, name):
-    for step in (postprocess, Connection()):
-        with pytest.raises(InputError, match=name):
-            step(table)
 
 
 @pytest.mark.parametrize(
