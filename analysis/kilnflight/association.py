@@ -69,14 +69,15 @@ class GNN:
         check_number(self.nonassignment_cost, f"{type(self).__name__}: nonassignment_cost")
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m) of 0 and 1; column 0 = missed."""
+        """Return the optimal weights (n, 1 + m) of 0 and 1; column 0 = missed."""
         costs = self._costs(pairs)
         return one_hot(assign(costs, np.full(len(costs), self.nonassignment_cost)), costs.shape[1])
 
     def _costs(self, pairs: Pairs) -> Array:
-        """Return the cost (n, m) of each pair by Eq. 4.9.
+        """Return the cost (n, m) of each pair by Eq. 4.9, without unit.
 
-        Inf outside the gate and above C_NA. Taken is ln |S| (Eq. 2.50), not ln |P| as printed.
+        It is d^2 + ln |S| + a_0 times the difference in 3D points, and inf outside the gate and
+        above C_NA. Eq. 4.9 prints P; d^2 is measured in S, so S is taken, as in Eq. 2.50.
         """
         costs = pairs.distance_squared + pairs.log_determinant[:, None]
         costs += self.size_weight * pairs.size_difference
@@ -87,15 +88,18 @@ class GNN:
 class NearestNeighbor(GNN):
     """Give each track its nearest detection.
 
-    Of two tracks with the same nearest detection the nearer one takes it and the other is missed
-    (Fig. 2.20, middle). At equal cost the first track and the first detection win. "Nearest" is
-    the least cost of Eq. 4.9; its ln |S| is a penalty for wide gates.
+    "Nearest" is the least cost of Eq. 4.9; its ln |S| is a penalty for wide gates. Of two tracks
+    with the same nearest detection the nearer one takes it. The other is missed, without a second
+    choice (Fig. 2.20, middle). At equal cost the first track and the first detection win.
     """
 
     size_weight: float = 0.0  # section 2.3.2 knows no size
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m) of 0 and 1; column 0 = missed."""
+        """Return weights (n, 1 + m) of 0 and 1, at most one detection a track.
+
+        Column 0 = missed. Detections outside the gate or above C_NA are never taken.
+        """
         costs = np.column_stack([np.full(len(pairs.expected), np.inf), self._costs(pairs)])
         nearest = costs.argmin(axis=1) - 1  # -1: none is possible
         order = np.argsort(costs.min(axis=1), kind="stable")  # the nearest track comes first

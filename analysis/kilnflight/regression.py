@@ -140,7 +140,11 @@ class Regression:
         return Fit(*fields, tuple(factors), *span, *map(tuple, np.transpose(quality).tolist()))
 
     def choose(self, solve: Callable[[Orders], tuple[float, Array]], highest: int) -> Orders:
-        """Return the orders by reading (3); ``solve`` is of `trajectory_solver`."""
+        """Return the orders (3,), raised while the RMSE of an axis falls by ``gain``.
+
+        In each round the axis whose RMSE falls most by one order more gets it (section 4.3).
+        ``solve`` returns t0 and the RMSE (3,) in mm for some orders; ``highest`` is the limit.
+        """
         orders: Orders = (self.lowest,) * 3
         while True:
             rmse, gains = solve(orders)[1], {}

@@ -218,14 +218,19 @@ def _mapped(matrix: Array, places: Array) -> Array:
 
 
 def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
-    """Return the mapping of detected corners onto the belt's true corners.
+    """Return the mapping from pixels to mm on the belt, by the belt's four corners.
 
     Parameters
     ----------
     corners
-        From `find_corners`.
+        Row and col (4, 2) in px, from `find_corners`.
     belt
-        The whole belt.
+        The whole belt, in mm.
+
+    Returns
+    -------
+    Calibration
+        The homography (3, 3), the error of a corner in mm, and mm per px.
 
     Raises
     ------
@@ -236,8 +241,9 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Notes
     -----
     Four corners fix the eight numbers of a homography and leave no residual. So the error is that
-    of the corners, from the scatter of the edges' points. It leaves out parallax: a camera at
-    height h shows a centre at height z farther from the middle, by the share z / h.
+    of the corners, from the scatter of the edges' points. It leaves out parallax. A camera
+    at height h above the belt shows a centre at height z farther from the middle of the picture,
+    by z / h of its distance from there.
     """
     places = corners.places
     matrix = cv2.getPerspectiveTransform(

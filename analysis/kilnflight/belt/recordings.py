@@ -39,13 +39,15 @@ MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 def read_dem(path: Path) -> pd.DataFrame:
-    """Return the tracks of one of the authors' zip files, or of its CSV.
+    """Return the tracks of particles that the authors simulated (2020 paper).
+
+    They used the discrete element method (DEM). A file is a zip with one CSV, or that CSV.
 
     Returns
     -------
     DataFrame
-        `kilnflight.tables.BELT_TRACKS`, x and y in mm; particles without a single
-        position have no row. ``attrs["particles"]`` is the number of particles in the columns.
+        `kilnflight.tables.BELT_TRACKS` by particle and frame, x and y in mm; particles without a
+        single position have no row. ``attrs["particles"]`` is the number of particles in the file.
 
     Raises
     ------

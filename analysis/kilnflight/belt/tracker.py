@@ -112,14 +112,17 @@ class Appearance:
         return self.clutter_density + density * entry_share
 
     def unobserved_likelihood(self, places: Array, residual: Array) -> tuple[Array, Array]:
-        """Return the probabilities (n,) that tracks are not observed, and are outside.
+        """Return the probabilities (n,) that tracks are not observed, and outside the area.
+
+        A track is observed if it lies in the area and is not missed there. The first is at least
+        1e-12, so that its logarithm is finite.
 
         Parameters
         ----------
         places
             Predicted, (n, 2) in mm.
         residual
-            S (n, 2, 2) in mm^2, covariance of a measurement. Its ellipse is taken along the axes.
+            S (n, 2, 2) in mm^2, covariance of a measurement; x and y are taken as independent.
         """
         spread = np.sqrt(np.diagonal(residual, axis1=1, axis2=2))
         corners = self.area.corners[[0, 2]]
@@ -132,7 +135,7 @@ _MOTION, _APPEARANCE = constant_velocity(), Appearance()
 
 
 class Likelihoods(NamedTuple):
-    """Likelihoods for the association of a frame (Fig. 3)."""
+    """Likelihoods of n tracks and m measurements of a frame, for their association (Fig. 3)."""
 
     costs: Array  # (n, m), -ln of (1 - missed) N(z; prediction, S); inf outside the gate
     unobserved: Array  # (n,), likelihood that a track is not observed
@@ -144,9 +147,9 @@ class Likelihoods(NamedTuple):
 
         Notes
         -----
-        Each measurement has an extra row of its own, each track an extra column. So every
-        measurement costs its ``new`` unless it goes to a track. Taking ``new`` off the pairs
-        gives the same optimum from the (n, m) part alone.
+        In Fig. 3 each measurement has an extra row of its own, each track an extra column. So a
+        measurement without a track costs -ln ``new``. Subtracting this cost from the measurement's
+        pairs gives the same optimum from the (n, m) part alone.
         """
         return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
 
@@ -186,7 +189,8 @@ class BeltTracker:
             Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside the area are
             ignored.
         frames
-            Number of frames of the camera, so that tracks may end after the last measurement.
+            Number of frames of the camera, so that tracks may end after the last measurement; 0:
+            up to the last measurement.
 
         Raises
         ------
@@ -204,9 +208,14 @@ class BeltTracker:
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
     def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
-        """Yield the step of each frame from the first measurement on.
+        """Yield the `Step` of each frame from the first measurement on, empty frames, too.
 
-        Arguments are as for a call.
+        Parameters
+        ----------
+        measured
+            Columns frame, x, y (mm).
+        frames
+            Number of frames of the camera; 0: up to the last measurement.
         """
         check_columns(measured, ["frame", "x", "y"], "measured")
         number = check_whole(measured["frame"], "measured: frame")

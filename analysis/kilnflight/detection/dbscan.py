@@ -107,9 +107,9 @@ class DBSCAN:
 
 
 def k_distances(points: npt.ArrayLike, k: int = 6) -> Array:
-    """Return the distance of each point to its k-th neighbour in mm, (n,).
+    """Return the distances of all points to their k-th neighbour in mm, (n,), descending.
 
-    The distances descend, as in Fig. 2.19 of the thesis. The query point counts as the first, as
+    Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the first, as
     in section 2.2.4. At ``k = min_points`` the points whose distance is at most eps are the core
     points of `DBSCAN`.
 

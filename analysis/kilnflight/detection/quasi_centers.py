@@ -125,13 +125,16 @@ def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
 
 
 class _Graph(NamedTuple):
-    """Points with their neighbours and densities."""
+    """Points with their neighbours and densities.
+
+    A point is denser the nearer its k-th neighbour is (section 2.2.6).
+    """
 
     neighbors: Any  # (n, k) points
     squares: Any  # (n,) squared distances to the k-th neighbour, small where it is dense
     dense_first: Any  # (n,) points, the densest first
     centers: Any  # (n,) whether a point is a centre
-    levels: Any  # (n,) numbers; points of equal density that reach each other share one
+    levels: Any  # (n,) the lowest of the equally dense points that reach each other
 
 
 @njit(cache=True)
@@ -153,11 +156,12 @@ def _unite(parents: Any, member: int, other: int) -> bool:
 
 @njit(cache=True)
 def _centers(neighbors: Any, squares: Any) -> Any:
-    """Return whether each point is a centre, and its level.
+    """Return whether each point (n,) is a centre, and its level (n,), as in `_Graph`.
 
-    A denser point that has this one as a neighbour lies within this one's k-th distance too: "no
-    such point" covers both conditions of the definition of a centre. Points of equal density that
-    reach each other share a level.
+    ``neighbors`` (n, k) are points, ``squares`` (n,) their squared k-th distances in mm^2, less
+    where it is denser. A centre is the densest among its neighbours, and among the points that
+    have it as a neighbour (section 2.2.6). The first follows from the second: a denser neighbour
+    of a point lies within its k-th distance, so no denser point may have it as a neighbour.
     """
     centers, levels = np.ones(len(squares), np.bool_), np.arange(len(squares))
     for i in range(len(squares)):
@@ -173,7 +177,7 @@ def _centers(neighbors: Any, squares: Any) -> Any:
 
 @njit(cache=True)
 def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
-    """Write a chain's clusters into ``members``; return their number."""
+    """Write the different clusters of a level's linked list into ``members``; return how many."""
     count = 0
     while entry >= 0:
         cluster = _root(clusters, chains[entry, 0])
@@ -186,7 +190,7 @@ def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
 
 @njit(cache=True)
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
-    """Count a shared point; return whether clusters were merged by it."""
+    """Count a point that clusters ``members`` share; return whether it merged any of them."""
     merged = False
     for i in range(len(members)):
         for j in range(i):

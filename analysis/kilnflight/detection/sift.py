@@ -122,10 +122,11 @@ class DoG:
         return self.graded(foreground, within)[:, :3]
 
     def graded(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
-        """Return the particles (n, 4); column 3 is the largest threshold of each.
+        """Return row, col, radius (px) and largest threshold (grey values) of particles, (n, 4).
 
         The rows not below a higher threshold are the particles at that threshold, bit for bit.
-        Arguments are those of a call.
+        So one call serves a table of thresholds (Table 5.6). ``foreground`` (rows, cols) and
+        ``within``, a polygon of (row, col), are as for a detector without thresholds.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         octaves, spacing = [np.empty((0, 4))], 1.0
@@ -142,7 +143,10 @@ class DoG:
     def _octave(
         self, image: Single, padded: Single, spacing: float, within: Polygon | None
     ) -> Array:
-        """Return the keypoints (n, 4) of an octave with px of ``spacing`` px of the image."""
+        """Return the keypoints (n, 4) of an octave, in px of the image at full size.
+
+        One pixel of the octave's ``image`` is ``spacing`` px; ``padded`` is the image mirrored.
+        """
         live = _reachable(image, self.threshold / 2)
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
@@ -164,9 +168,11 @@ def _mirrored(image: Single) -> Single:
 
 @njit(cache=True)
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
-    """Blur a line of a flat array with its neighbours, which begin at ``low`` and ``high``.
+    """Write into a line (size,) its weighted sum with r neighbours on either side.
 
-    Three pairs at a time save reads and writes.
+    ``source`` (n,) is flat, float32. ``low`` and ``high`` (1 + r,) are the first elements of the
+    neighbours at distance 0 to r, ``weights`` (1 + r,) half a symmetric kernel. Three pairs at a
+    time save reads and writes; another order of the sum would change the last bit.
     """
     size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
     centre, weight = source[low[0] : low[0] + size], weights[0]
@@ -188,7 +194,11 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 
 @njit(cache=True)
 def _blur(padded: Any, weights: Any, step: int) -> Any:
-    """Return every ``step``-th pixel of the blurred image (Eq. 2.21)."""
+    """Return every ``step``-th pixel of the blurred image (Eq. 2.21), float32.
+
+    ``padded`` (rows + 2 margins, cols + 2 margins) is mirrored at the border; ``weights`` are those
+    of `_pass`, which blurs down the rows first, then across.
+    """
     (height, width), away, flat = padded.shape, np.arange(len(weights)), padded.ravel()
     rows, cols = height - 2 * _MARGIN, width - 2 * _MARGIN
     down, across = np.empty(width, np.float32), np.empty(cols, np.float32)

@@ -126,6 +126,8 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
 def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the velocity between consecutive observations, at their midpoint (Fig. 8).
 
+    ``tracks`` are `kilnflight.tables.BELT_TRACKS` with an index without repetition.
+
     Returns
     -------
     DataFrame

@@ -339,7 +339,9 @@ def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
 def positions(
     subsets: Iterable[Subset], detectors: Mapping[str, Combination], wall: Cylinder
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the places in space of marked particles and of each subset's detections.
+    """Return the positions of labelled particles and of detections (Fig. 3.11).
+
+    ``detectors`` has one for each subset, by its name.
 
     Returns
     -------

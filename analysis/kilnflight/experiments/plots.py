@@ -224,7 +224,12 @@ def draw_keypoints_and_clusters(
     roi: Sequence[tuple[float, float]],
     **size: Any,
 ) -> Figure:
-    """Draw a frame with keypoints (circles), clusters (dots) and region of interest."""
+    """Draw a frame with keypoints as circles and the pixels of clusters as dots.
+
+    ``keypoints`` (k, 3) are row, col and radius in px; ``roi`` are corners (row, col) of the region
+    of interest; ``size`` goes to `canvas`. Neighbouring clusters differ by six colours in turn.
+    Grey values are brightened, more so behind clusters, whose pixels cover them.
+    """
     picture, ((axes,),) = canvas(**size)
     draw_frame(axes, gray, 4 if clusters is not None else 2)
     if clusters is not None:

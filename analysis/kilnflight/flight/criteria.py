@@ -33,25 +33,25 @@ LEAVES, BEHIND, TOO_FAST = "leaves the kiln", "turns back behind the lance", "fa
 def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     """Return whether a trajectory starts at the lance, and its distance from it in mm.
 
-    ``places_mm`` (n, 3) are the detections in order, NaN without depth (Fig. 4.21).
+    ``places_mm`` (n, 3) are the detections in order, x, y, z, NaN without depth (Fig. 4.21). t0 is
+    the time at which the polynomials pass the lance's outlet. The distance is for the table only.
 
     Notes
     -----
-    Tracks are scored without a fit (Table 5.17). Their rule is one of the picture:
-    `kilnflight.experiments.tracking_scores.from_lance`.
-
     The thesis prints no criterion (secs 4.2.5 and 5.3.1). Particles are "probably not captured"
-    until several frames after the lance (sec. 4.3). Here the median of the first positions with
-    depth decides, which is robust against one wrong depth. It lies within one slice of Eq. 5.8, so
-    that the first slice was observed, and not farther behind the lance than depths scatter. It
-    lies within a cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1), so the
+    until several frames after the lance (sec. 4.3). So the medians of depth and of distance from
+    the lance's axis decide, over the first `FIRST_POINTS` positions with depth: one wrong depth
+    changes them little. The depth lies within one slice of Eq. 5.8, so that the first slice was
+    observed, and not farther behind the lance than depths scatter. The distance from the axis
+    lies within a cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1). So the
     cone widens from the exit to the wall, 700 mm away, in the first metre, plus the scatter of
     Table 5.18.
 
     t0 must not be the earliest of its range: then the polynomials found no way back to the lance.
     The latest is allowed: the particle was detected from the exit on. The velocity at t0 must point
     to the camera: polynomials that start backwards have found an exit that the particle did not
-    take.
+    take. Tracks without a fit are judged by their place in the picture
+    (`kilnflight.experiments.tracking_scores.from_lance`).
     """
     known = places_mm[~np.isnan(places_mm).any(axis=1)][:FIRST_POINTS]
     if not len(known):

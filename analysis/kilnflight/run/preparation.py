@@ -197,9 +197,10 @@ def listed(values: Sequence[float], digits: int) -> str:
 
 
 def chunk_frames(frames: int) -> int:
-    """Return the frames per chunk: an eighth of the recording, within 25 and `CHUNK_FRAMES`.
+    """Return the frames of a chunk, the part of a recording that one worker writes to one file.
 
-    It does not depend on the number of workers, so all make the same files.
+    Eight chunks show progress and can be shared; fewer than 25 frames are not worth the window of
+    the background that each chunk reads again. Any number of workers makes the same files.
 
     Examples
     --------

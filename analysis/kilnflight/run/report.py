@@ -162,7 +162,10 @@ def page(results: RunResults, recording: Recording) -> str:
 
 
 def _figures(results: RunResults, recording: Recording) -> Iterator[tuple[Figure, str]]:
-    """Yield each figure with its caption."""
+    """Yield figures and captions: tracks, dwell times, velocities, ignition.
+
+    Those without data are left out. `RunResults.counted` are accepted flights from the lance.
+    """
     yield plot_tracks(recording, results.tracks), "Tracks over the first frame, dark parts lifted."
     counted, slices = results.counted, results.slices
     complete = counted[counted["ending"] != LOST]

@@ -248,14 +248,18 @@ class Gate:
         depth_mm: Array | None = None,
         points: Array | None = None,
     ) -> Pairs:
-        """Return the pairs of n tracks and m detections within the gate.
+        """Return all pairs of n tracks and m detections, inf where outside the gate.
+
+        A pair is inside if its Mahalanobis distance is below ``distance`` and its difference in
+        depth below ``depth_mm``. A depth that is not known passes.
 
         Parameters
         ----------
         expected, residual
-            Predicted positions (n, d) in px and residual covariances S (n, d, d) in px^2.
+            Predicted positions (n, d) in px and residual covariances S (n, d, d) in px^2; on the
+            belt in mm and mm^2.
         detected
-            Detections of the frame.
+            The m detections of the frame.
         depth_mm, points
             (n,) last known depth and number of 3D points of each track; NaN: unknown.
 

@@ -176,9 +176,12 @@ def steps(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
 ) -> Iterator[Step]:
-    """Yield the step of each frame with detections, as `track` makes it.
+    """Yield the `Step` of each frame with detections, which `track` writes into a table.
 
-    Arguments are those of `track`.
+    Parameters
+    ----------
+    detections, associator, motion, gate, management
+        As for `track`.
     """
 
     def associate(tracks: Tracks, detected: Detected, pairs: Pairs) -> Any:
@@ -189,7 +192,12 @@ def steps(
 
 
 def _read(table: pd.DataFrame) -> Iterator[Detected]:
-    """Yield the detections of each frame, sorted by place."""
+    """Yield the detections of each frame that has any, by ascending frame.
+
+    Rows of particle -1 are left out. Within a frame they are sorted by row, col, z, points: tracks
+    do not depend on the order of the table. ``span`` is the number of frames since the last one
+    with detections. A z or a number of points that is not known is NaN.
+    """
     where = TO_TRACK.name
     table = with_pixels(table)
     optional = [name for name in ("particle", "z", "points") if name in table.columns]

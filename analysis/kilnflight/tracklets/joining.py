@@ -33,7 +33,7 @@ class Candidates(NamedTuple):
 
 
 def dual_nearest(pairs: Candidates) -> Index:
-    """Return the positions of pairs that are mutual nearest neighbours (DNN), ascending.
+    """Return the indices of pairs that are mutual nearest neighbours (DNN), ascending.
 
     Notes
     -----
@@ -49,10 +49,10 @@ def dual_nearest(pairs: Candidates) -> Index:
 
 
 def hungarian(pairs: Candidates) -> Index:
-    """Return the positions of as many pairs as possible at the least total cost, ascending.
+    """Return the indices of as many pairs as possible at the least total cost, ascending.
 
-    Kuhn-Munkres (GNN), the alternative of Fig. 4.14. A tracklet may get one before and one after
-    it.
+    Kuhn-Munkres (GNN), which Fig. 4.14 compares with DNN. Costs are at least 0, and a pair is
+    listed once. A tracklet may get one before and one after it.
     """
     rows, row = np.unique(pairs.earlier, return_inverse=True)
     columns, column = np.unique(pairs.later, return_inverse=True)
@@ -77,7 +77,7 @@ class Costs:
 
 @dataclass(frozen=True)
 class Joining(PathStep):
-    """Join tracklets, the cheapest pairs first, until no pair is left (Fig. 4.8).
+    """Join tracklets, the cheapest pairs first, until no allowed pair is left (Fig. 4.8).
 
     A merged frame keeps one row with the mean row, col, x, y and z. It is the row of the earlier
     tracklet, or of the later where only that has a depth. The other row gets particle -1 and keeps
@@ -91,13 +91,15 @@ class Joining(PathStep):
     jump: float = np.inf  # px/frame by which the joined one may exceed both tracklets
     half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
     costs: Costs = field(default_factory=Costs)
-    matching: Callable[[Candidates], Index] = dual_nearest  # positions of pairs to join
+    matching: Callable[[Candidates], Index] = dual_nearest  # indices of the pairs to join
     nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
 
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
-        """Return the tracklets joined until no pair is left.
+        """Return the tracklets, joined until no pair is within the limits.
 
-        Only pairs with a tracklet that has just been joined are judged anew.
+        ``differences`` (frames, rows, cols) are those of consecutive frames, grey values; without
+        them the term of Eq. 4.24 for the streak is left out. In each iteration only pairs with a
+        tracklet that has just been joined are judged anew.
         """
         changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
         known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
@@ -115,9 +117,9 @@ class Joining(PathStep):
             changed[[chosen.earlier, chosen.later]] = True
 
     def candidates(self, paths: Paths, changed: Flags) -> Candidates:
-        """Return the possible pairs that hold a changed tracklet.
+        """Return the pairs within the limits that hold a changed tracklet (m,).
 
-        Their cost is without the last term of Eq. 4.24.
+        Their cost is Eq. 4.24 without its last term, that of the streak.
         """
         pairs = self._in_time(paths, changed)
         overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
@@ -135,7 +137,7 @@ class Joining(PathStep):
         return _take(pairs, _joined_speed(paths, pairs) <= limit)  # where they overlap, too
 
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
-        """Return the pairs near in time; their cost is the gap in frames."""
+        """Return the pairs near in time; their cost is the gap in frames, below 0: overlap."""
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
@@ -150,7 +152,11 @@ class Joining(PathStep):
         return Candidates(there[i], there[k], (first[k] - last[i]).astype(float))
 
     def _judge(self, names: Index, frame: Whole, place: Array, limit: Array) -> tuple[Array, Flags]:
-        """Return the first terms of Eq. 4.24, and the allowed parts by ``limit`` in px/frame."""
+        """Return the first terms of Eq. 4.24 and whether a part is allowed, (p,) each.
+
+        ``names`` (q,) is the pair of each point of the connected parts, ``frame`` (q,) its frame,
+        ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is in px/frame.
+        """
         steps, count = velocities(frame, place), len(limit)
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
@@ -171,7 +177,7 @@ class Joining(PathStep):
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
 
     def _with_feature(self, paths: Paths, pairs: Candidates, differences: Any) -> Candidates:
-        """Return the pairs with the last term of Eq. 4.24 in their cost."""
+        """Return the pairs with the last term of Eq. 4.24, of the streak, in their cost."""
         first, last = paths.starts[:-1], paths.starts[1:] - 1
         energy = np.zeros(len(pairs.cost))
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
@@ -233,16 +239,16 @@ class Fusion(Joining):
 
 
 class Overlap(NamedTuple):
-    """Overlap in time of the tracklets of each pair."""
+    """Overlap in time of the tracklets of p pairs, (p,) each."""
 
     common: Integers  # number of common frames
     distance: Array  # mean distance in the common frames, px; infinite without any
-    until: Integers  # position of the end of the earlier one's part
-    since: Integers  # position of the start of the later one's part
+    until: Integers  # first point in `Paths` after the earlier one's own part
+    since: Integers  # first point in `Paths` of the later one's own part
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
-    """Return the overlap in time of pairs of tracklets (p,)."""
+    """Return the overlap in time of earlier tracklets i (p,) with later ones k (p,)."""
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
     key = paths.names() * width + paths.frame - low  # ascends
@@ -266,9 +272,10 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
 def connected_parts(
     paths: Paths, i: Index, k: Index, overlap: Overlap
 ) -> tuple[Index, Whole, Array]:
-    """Return the connected parts of pairs of tracklets (Fig. 4.10).
+    """Return the connected parts of p pairs of tracklets (Fig. 4.10).
 
-    Number of the pair, frame and place of each point, three points of either tracklet. A single
+    Of each of q points: the number of its pair, its frame, and row, col, z (q, 3). A part has the
+    last three points of the earlier tracklet i and the first three of the later one k. A single
     common frame is one point, the mean of both.
     """
     point = np.stack(
@@ -285,10 +292,9 @@ def connected_parts(
 
 
 def _once(pairs: Candidates) -> Candidates:
-    """Return the pairs to join now, the cheapest first.
+    """Return the pairs to join in this iteration, each tracklet once, the cheapest first.
 
-    Where a matching names a tracklet twice, the cheaper pair is joined first and the
-    other one meets the joined tracklet in the next iteration.
+    Where a matching names a tracklet twice, the other pair waits for the next iteration.
     """
     used, chosen = set[int](), list[int]()
     for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
@@ -310,7 +316,10 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
 
 
 def _joined_speed(paths: Paths, pairs: Candidates) -> Array:
-    """Return the largest speed (p,) in the image of two tracklets joined, px/frame."""
+    """Return each pair's largest speed (p,) if joined, across the gap, too, in px/frame.
+
+    Connection limits it, so that no two tracklets far apart are joined (section 4.2.3).
+    """
     one, points = ranges(paths.starts[pairs.earlier], paths.starts[pairs.earlier + 1])
     other, more = ranges(paths.starts[pairs.later], paths.starts[pairs.later + 1])
     names, points = np.append(one, other), np.append(points, more)
@@ -324,8 +333,9 @@ def _united(
 ) -> tuple[Index, Index, Whole, Array]:
     """Return names, rows, frames and places of points, one in each frame of a name.
 
-    In a common frame the place is the mean of both. The row is that of the earlier one, unless only
-    the later one has a depth.
+    ``points`` (q,) are indices in `Paths`, ``names`` (q,) their tracklets after joining, ``later``
+    (q,) says which come from the later one. In a common frame the place is the mean of both. The
+    row is that of the earlier one, unless only the later one has a depth.
     """
     order = np.lexsort((later, paths.frame[points], names))
     names, points = names[order], points[order]
@@ -340,7 +350,7 @@ def _united(
 
 
 def _take(table: Any, chosen: Flags | Integers) -> Any:
-    """Return the chosen entries of every array of `Pairs` or `Overlap`."""
+    """Return the chosen entries of every array of `Candidates` or `Overlap`."""
     return type(table)(*(values[chosen] for values in table))
 
 

@@ -22,13 +22,14 @@ class Paths(NamedTuple):
     starts: Index  # (m + 1,) first point of each tracklet
 
     def names(self) -> Index:
-        """Return the number (n,) of each point's tracklet."""
+        """Return the tracklet (n,) of each point, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     def grouped(self, names: Integers) -> Paths:
-        """Return the tracklets of other names (n,); points of names below 0 are left out.
+        """Return the points grouped anew by their names (n,), those below 0 left out.
 
-        Points of one name ascend in frame.
+        Tracklets are numbered by first frame, then row, then col. Points of one name must ascend
+        in frame.
         """
         kept = np.flatnonzero(names >= 0)
         _, first, name = np.unique(names[kept], return_index=True, return_inverse=True)
@@ -116,7 +117,7 @@ def velocities(frame: Whole, place: Array) -> Array:
 
 
 def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
-    """Return the path and the speed of each step within a path, px/frame."""
+    """Return the path and the speed (px/frame) of each move between consecutive points."""
     within = np.diff(names) == 0
     return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
@@ -149,7 +150,7 @@ def means(part: Integers, values: Array, count: int) -> Array:
 
 
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
-    """Return all numbers of several ranges, after the range of each."""
+    """Return, of all numbers in the ranges from begin to end, which range, and the number."""
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]
