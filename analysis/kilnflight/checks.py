@@ -104,6 +104,7 @@ def check_number(
 
     ``least`` and ``most`` are allowed, ``above`` and ``below`` are not.
     """
+    value = value.item() if isinstance(value, np.generic) else value  # told as 5, not np.int64(5)
     real = isinstance(value, Real) and not isinstance(value, bool)
     fits = real and least <= value <= most and above < value < below
     if not fits or abs(value) > sys.float_info.max or (whole and value % 1 != 0):
