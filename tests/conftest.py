@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
+from numpy.polynomial import Polynomial
 
 from kilnflight.project import data, style
 from kilnflight.project.cache import locked
@@ -151,33 +152,21 @@ def seeds() -> Path:
     return folder
 
 
-def make_tracks(
-    x0=400.0, velocity=1000.0, acceleration=1500.0, y0=90.0, lateral=50.0, braking=-100.0, **more
-) -> pd.DataFrame:
-    """Return one track of exactly constant acceleration, sampled at 100 Hz up to 900 mm."""
-    particle, start = more.get("particle", 0), more.get("start", 0)
-    time = np.arange(200) / 100.0
-    x = x0 + velocity * time + acceleration * time**2 / 2
-    on = x < 900.0
-    y = y0 + lateral * time + braking * time**2 / 2
-    frame = start + np.arange(200)
-    table = pd.DataFrame(
-        {"frame": frame, "particle": particle, "time_s": frame / 100.0, "x": x, "y": y}
-    )
-    return table[on][BELT_TRACKS.names].reset_index(drop=True)
-
-
 @pytest.fixture
 def constant_acceleration() -> pd.DataFrame:
-    """Three particles that every model with its own acceleration predicts exactly."""
-    return pd.concat(
-        [
-            make_tracks(particle=3),
-            make_tracks(particle=5, velocity=1200.0, acceleration=800.0, lateral=-20.0, start=7),
-            make_tracks(particle=8, velocity=900.0, acceleration=0.0, braking=0.0, start=2),
-        ],
-        ignore_index=True,
-    )
+    """Three belt particles of constant acceleration, sampled at 100 Hz up to 900 mm."""
+    time, tracks = np.arange(200) / 100.0, []
+    for particle, start, (velocity, acceleration), (lateral, braking) in (
+        (3, 0, (1000.0, 1500.0), (50.0, -100.0)),
+        (5, 7, (1200.0, 800.0), (-20.0, -100.0)),
+        (8, 2, (900.0, 0.0), (50.0, 0.0)),
+    ):
+        frame = start + np.arange(200)
+        x = 400.0 + velocity * time + acceleration * time**2 / 2
+        y = 90.0 + lateral * time + braking * time**2 / 2
+        columns = {"frame": frame, "particle": particle, "time_s": frame / 100.0, "x": x, "y": y}
+        tracks.append(pd.DataFrame(columns)[BELT_TRACKS.names][x < 900.0])
+    return pd.concat(tracks, ignore_index=True)
 
 
 @pytest.fixture(scope="session")
@@ -247,20 +236,20 @@ def stored_flights(tmp_path_factory, kept_scene) -> Path:
     return folder
 
 
-def _same_frame(one: Frame, other: Frame) -> None:
-    assert (one.index, one.time_s) == (other.index, other.time_s)
-    for name in ("gray", "pixels", "xyz", "labels"):
-        a, b = getattr(one, name), getattr(other, name)
-        assert (a is None) == (b is None)
-        if a is not None:
-            assert a.dtype == b.dtype
-            np.testing.assert_array_equal(a, b)
-
-
 @pytest.fixture(scope="session")
 def same_frame():
     """Raise unless two frames hold the same values of the same types."""
-    return _same_frame
+
+    def same(one: Frame, other: Frame) -> None:
+        assert (one.index, one.time_s) == (other.index, other.time_s)
+        for name in ("gray", "pixels", "xyz", "labels"):
+            a, b = getattr(one, name), getattr(other, name)
+            assert (a is None) == (b is None)
+            if a is not None:
+                assert a.dtype == b.dtype
+                np.testing.assert_array_equal(a, b)
+
+    return same
 
 
 @dataclass(frozen=True)
@@ -275,24 +264,15 @@ class Polynomials:
     t0_at_bound: int = 0
 
     def __call__(self, t):
-        age = np.asarray(t, dtype=np.float64) - self.t0
-        return np.asarray(self.exit_point_mm) + np.stack(
-            [
-                sum((c * age ** (k + 1) for k, c in enumerate(one)), 0 * age)
-                for one in self.coefficients
-            ],
-            -1,
-        )
+        return np.asarray(self.exit_point_mm) + self._values(t, derivative=0)
 
     def velocity(self, t):
+        return self._values(t, derivative=1)
+
+    def _values(self, t, derivative):
         age = np.asarray(t, dtype=np.float64) - self.t0
-        return np.stack(
-            [
-                sum((c * (k + 1) * age**k for k, c in enumerate(one)), 0 * age)
-                for one in self.coefficients
-            ],
-            -1,
-        )
+        axes = [Polynomial([0.0, *factors]).deriv(derivative) for factors in self.coefficients]
+        return np.stack([axis(age) for axis in axes], axis=-1)
 
 
 @pytest.fixture(scope="session")

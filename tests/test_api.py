@@ -33,6 +33,8 @@ def test_an_array_is_detected_tracked_and_drawn(flying, dark):
     assert len(track) == 20
     np.testing.assert_allclose(track["col"], 10 + 5 * track["frame"], atol=1)
     assert track["z"].isna().all()
+    alone = kilnflight.track(kilnflight.detect(kilnflight.open(flying[:1])))
+    assert list(alone.columns) == list(tracks.columns)
     figure = kilnflight.plot_tracks(recording, tracks)
     assert len(figure.axes[0].lines) == 1
     plt.close(figure)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tests.definitions.joint_events import joint_events
@@ -98,7 +98,6 @@ def test_the_cost_is_eq_4_9(kind):
     assert kind()(lost).tolist() == [[0, 1], [1, 0]]
 
 
-@settings(max_examples=15)
 @given(arrays(np.float64, st.tuples(st.integers(1, 4), st.integers(1, 5)),
               elements=st.integers(-40, 41).map(lambda n: n / 2 if n < 41 else np.inf)),
        st.lists(st.integers(-10, 40), min_size=4, max_size=4))  # fmt: skip

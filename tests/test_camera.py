@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.path import Path
 
@@ -22,8 +22,6 @@ from kilnflight.camera import (
 from kilnflight.checks import InputError
 from kilnflight.project import claims
 
-few = settings(max_examples=15)
-
 
 def equation_in_plain_code(z):
     """Eq. 2.4, copied a second time from the page, one depth at a time."""
@@ -34,12 +32,10 @@ def equation_in_plain_code(z):
     return 0.00004504 * z * z + 0.3219 * z + 2189
 
 
-def test_calibration_is_the_equation_in_any_shape():
+def test_calibration_is_the_equation():
     depths = np.append(np.random.default_rng(0).uniform(0, 15_000, 98), [3000.0, 5000.0])
     expected = [equation_in_plain_code(z) for z in depths]
     np.testing.assert_allclose(calibrate_depth(depths), expected, atol=1e-6)
-    for shape in ((), (0,), (2, 3)):
-        assert calibrate_depth(np.full(shape, 4000.0)).shape == shape
 
 
 def test_points_stay_on_their_ray_and_without_a_calibration_as_they_are():
@@ -87,7 +83,6 @@ def test_the_inverse_nearest_to_the_true_depth_is_taken():
 coefficients = st.tuples(st.floats(-0.001, 0.001), st.floats(0.2, 5.0), st.floats(-5000.0, 5000.0))
 
 
-@few
 @given(st.tuples(coefficients, coefficients, coefficients))
 def test_a_fit_without_scatter_finds_the_coefficients(three):
     truth = DepthCalibration((3000.0, 5000.0), three)
@@ -96,7 +91,6 @@ def test_a_fit_without_scatter_finds_the_coefficients(three):
     np.testing.assert_allclose(fitted(captured), truth(captured), atol=1e-5)
 
 
-@few
 @given(st.integers(0, 2**32 - 1))
 def test_a_continuous_fit_is_the_best_without_jumps(seed):
     rng = np.random.default_rng(seed)
@@ -121,7 +115,6 @@ def test_a_corner_is_cut_out_and_the_border_is_inside():
         assert inside(HOOK, row, col).shape == shape
 
 
-@few
 @given(st.integers(0, 2**32 - 1))
 def test_inside_is_the_polygon_of_matplotlib(seed):
     rng = np.random.default_rng(seed)
@@ -154,7 +147,6 @@ FLAT = np.ones((60, 80))
 @pytest.mark.parametrize(
     ("call", "name"),
     [
-        (lambda: calibrate_depth([1000.0, np.nan]), "captured depth"),
         (lambda: calibrate_points([[0.0, 0.0, 500.0]], EQUATION_2_4), "captured points"),
         (lambda: calibrate_points([[0.0, 0.0, 0.0]], None), "captured points"),
         (lambda: read_calibration("zhang"), "depth_calibration"),

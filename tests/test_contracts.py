@@ -6,7 +6,6 @@ stays as it was, and bad input, which is one `InputError` that names the argumen
 
 from functools import partial
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,7 +19,6 @@ from kilnflight.detection import DBSCAN, DoG, MorphologicalClustering, Otsu, Qua
 from kilnflight.flight import space_sliced_velocity
 from kilnflight.regression import regress
 from kilnflight.scores import score_detections, score_tracks
-from kilnflight.tables import DETECTIONS
 from kilnflight.tracking import track
 from kilnflight.tracklets import STEPS, postprocess
 from kilnflight.twin import scenes, truth
@@ -342,27 +340,6 @@ def test_a_scene_gives_frames_and_sightings(kept_scene):
 def test_the_belts_models_are_named_as_printed():
     assert [m.name for m in belt.ARRIVAL_MODELS] == ["IV", "CV", "CVBC", "CA", "CALV", "IA"]
     assert [m.name for m in belt.LATERAL_MODELS] == ["Straight", "CV", "CA", "CADSC", "Ratio"]
-
-
-# The steps in Python and as commands
-
-
-@pytest.mark.parametrize("count", [1, 20])
-def test_an_array_goes_the_whole_way(count):
-    rng = np.random.default_rng(0)
-    images = rng.normal(1000, 20, (count, 96, 128))
-    images += [blobs([(40, 10 + 5 * t)]) for t in range(count)]
-    images = images.astype(np.uint16)
-    recording = kilnflight.open(images)
-    detections = DETECTIONS.check(kilnflight.detect(recording))
-    tracks = kilnflight.track(detections)
-    assert list(tracks.columns) == [*detections.columns, "particle"]
-    if count > 1:
-        (linked,) = (one for name, one in tracks.groupby("particle") if name >= 0)
-        np.testing.assert_allclose(linked["col"], 10 + 5 * linked["frame"], atol=1)
-    figure = kilnflight.plot_tracks(recording, tracks)
-    assert len(figure.axes) >= 1
-    plt.close(figure)
 
 
 # Bad input

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
 from kilnflight.checks import InputError
 from kilnflight.ignition import Ignition, best_step, lights_up, rank_sum_p
 
-few = settings(max_examples=15, deadline=None)
 TIME = np.arange(60) / 330
 TEST = Ignition()
 VALUES = st.lists(st.integers(0, 50), min_size=1, max_size=40)
@@ -88,7 +87,6 @@ def test_the_test_holds_its_level_and_has_power():
     assert np.nanmedian([abs(ignited.time_s - 19.5) for ignited in risen]) <= 1  # points
 
 
-@few
 @given(VALUES, st.integers(1, 4))
 def test_the_best_step_is_that_of_a_double_loop(values, least):
     numbers, best = np.array(values, float), (-1, np.inf)
@@ -100,7 +98,6 @@ def test_the_best_step_is_that_of_a_double_loop(values, least):
     assert best_step(numbers, least) == best
 
 
-@few
 @given(VALUES, VALUES)
 def test_ties_are_no_evidence_and_other_ranks_are_scipys(before, after):
     one, two = np.array(before, float), np.array(after, float)

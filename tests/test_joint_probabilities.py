@@ -4,7 +4,7 @@ from math import comb, perm
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
 from tests.definitions.joint_events import joint_probabilities as plain_probabilities
@@ -14,7 +14,6 @@ from kilnflight.association import joint_probabilities
 seeds = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=15)
 @given(seeds, st.integers(1, 5), st.integers(1, 5), st.floats(0.2, 1), st.floats(-250, 250))
 def test_against_enumeration_on_any_scale_of_a_track(seed, tracks, detections, share, power):
     rng = np.random.default_rng(seed)

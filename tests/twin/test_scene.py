@@ -1,38 +1,13 @@
 import hashlib
 import os
-import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import truth
-from kilnflight.twin.scene import Twin
-
-
-def same(first, second):
-    return all(
-        np.array_equal(getattr(first, name), getattr(second, name))
-        for name in ("gray", "pixels", "xyz", "labels")
-    )
-
-
-def test_a_frame_is_what_a_recording_promises(twin):
-    frame = twin.frame(20)
-    check_frame(frame, twin.attributes)
-    assert frame.gray.dtype == np.uint16
-    assert frame.time_s == pytest.approx(20 / 330)
-    assert set(np.unique(frame.labels)) <= {0, 1, 2, 3, 4}
-
-
-def test_frames_come_in_any_order_and_from_any_process(twin, small_scene):
-    late, early = twin.frame(40), twin.frame(3)
-    copied = pickle.loads(pickle.dumps(Twin(small_scene())))
-    assert same(copied.frame(3), early)
-    assert same(copied.frame(40), late)
 
 
 def digest(frame):
@@ -41,6 +16,7 @@ def digest(frame):
 
 
 def test_another_process_with_another_hash_seed_renders_the_same_bytes(twin):
+    twin.frame(40)  # here another frame comes first
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from conftest import Twin, make_scene; from test_scene import digest;"
@@ -56,14 +32,12 @@ def test_another_process_with_another_hash_seed_renders_the_same_bytes(twin):
     assert there.strip() == digest(twin.frame(7))
 
 
-def test_every_pixel_has_at_most_one_position_and_it_lies_on_its_ray(twin):
-    frame = twin.frame(20)
-    index = frame.pixels[:, 0] * 512 + frame.pixels[:, 1]
-    assert len(np.unique(index)) == len(index)
+def test_positions_are_one_a_pixel_and_lie_on_its_ray(twin):
+    frame = check_frame(twin.frame(20), twin.attributes)
     row, column = twin.scene.geometry.project(frame.xyz.astype(float))
     np.testing.assert_allclose(row, frame.pixels[:, 0], atol=1e-2)
     np.testing.assert_allclose(column, frame.pixels[:, 1], atol=1e-2)
-    assert 0.6 < len(index) / twin.scene.depth.wall_points < 1.2
+    assert 0.6 < len(frame.pixels) / twin.scene.depth.wall_points < 1.2
 
 
 def test_depth_of_a_particle_is_true_on_average(twin):
