@@ -37,11 +37,11 @@ WHOLE, AXES = "whole chain", ["x", "y", "z"]
 
 
 class FlightTables(NamedTuple):
-    """Flights computed in one way."""
+    """Measured flights of one campaign, from the whole chain or with a step replaced."""
 
     flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
     slices: pd.DataFrame  # `kilnflight.tables.SLICES`
-    particles: pd.Series  # true particle by track; -1: none
+    particles: pd.Series  # index: track; value: its true particle, -1: none
 
 
 def true_flights(campaign: Campaign) -> pd.DataFrame:
@@ -50,10 +50,11 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``particle``; ``ending``, and ``dwell_s`` (NaN if it neither landed nor burnt out);
-        ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s`` (NaN:
-        never); ``whole``: released and over within the frames; ``measurable``: visible at five
-        positions or more (`kilnflight.twin.truth.true_trajectories`).
+        ``particle``; ``ending``; ``dwell_s`` (NaN if it neither landed nor burnt out);
+        ``velocity_m_s`` within the first metre; ``velocity_1_m_s`` to ``velocity_5_m_s`` within
+        each metre (Eq. 5.8; NaN if not passed); ``ignition_s`` after the release (NaN: never);
+        ``whole``: released and ended within the frames; ``measurable``: visible in the air at
+        five positions or more (`kilnflight.twin.truth.true_trajectories`).
     """
     twin, frames = campaigns.twin_of(campaign), campaign.frames
     flights, rate = twin.life.flights, twin.scene.frame_rate_hz
@@ -73,15 +74,23 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
-    """Return measured beside true, a row per particle whose whole flight is recorded.
+    """Return measured values beside true ones, a row per particle and per false flight.
 
-    False flights, which belong to no particle, come last. ``true``: of `true_flights`.
+    Only particles whose whole flight lies within the recorded frames have a row. A particle with
+    several tracks is represented by the longest. False flights belong to no particle and come last.
+
+    Parameters
+    ----------
+    measured
+        Flights of one campaign.
+    true
+        From `true_flights`, of the same campaign.
 
     Returns
     -------
     DataFrame
-        ``particle`` (-1: a false flight), ``measurable``, ``track`` (-1: none), ``ending`` and
-        ``true_ending``, and ``measured_`` and ``true_`` of `QUANTITIES`.
+        ``particle`` (-1: a false flight), ``measurable``, ``track`` (-1: not detected), ``ending``
+        and ``true_ending`` ("" if unknown), ``measured_`` and ``true_`` of `QUANTITIES`.
     """
     counted, slices = with_particles(measured), measured.slices
     first = slices[slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
@@ -98,9 +107,14 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_particles(measured: FlightTables) -> pd.DataFrame:
-    """Return the `counted_flights` with ``track`` and true ``particle`` (-1: none).
+    """Return the accepted flights from the lance with the true particle of each.
 
-    ``longest``: the longest track in time of its particle. Lost flights have no ``dwell_s``.
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.FLIGHTS` with ``track`` in place of ``particle``; ``particle`` is the
+        true one (-1: none). ``longest`` marks the track of longest duration of each particle.
+        ``dwell_s`` is NaN for lost flights.
     """
     flights = counted_flights(measured.flights)
     flights = flights.assign(dwell_s=flights["dwell_s"].mask(flights["ending"] == LOST))
@@ -112,7 +126,7 @@ def with_particles(measured: FlightTables) -> pd.DataFrame:
 
 
 def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables]]:
-    """Yield each campaign with its flights, slices and the true particle of each track."""
+    """Yield each campaign and its measured flights with their true particles (notebook 53)."""
     for campaign in results.campaigns:
         tracks, _, flights, slices = (of_campaign(each, campaign.key) for each in results.tables)
         true = campaigns.true_positions(campaign)
@@ -121,16 +135,29 @@ def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables
 
 
 def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
-    """Return `compare` of all campaigns, with fraction and pressure in front."""
+    """Return `compare` of all campaigns in one table, ``fraction`` and ``pressure_bar`` first."""
     return stack({each.key: compare(ours, true_flights(each)) for each, ours in matched(results)})
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
-    """Return number, bias and spread by quantity, and where ignition was detected.
+    """Return bias and spread of measured quantities, and counts of detected particles.
 
-    Bias is the median of measured minus true over measurable particles, spread half the range
-    that holds 68 %; ``low`` and ``high`` are the 95 % interval of the bias (bootstrap; NaN of
-    fewer than six), and of the share detected (Wilson). ``both``: of `compare`.
+    Parameters
+    ----------
+    both
+        From `compare`, of one campaign.
+    seed
+        Seed of the bootstrap.
+
+    Returns
+    -------
+    dict
+        Numbers of ``measurable_particles``, ``detected_particles`` and ``false_flights``;
+        ``detected_low`` and ``detected_high``: 95 % interval (Wilson) of the share detected. For
+        each of `QUANTITIES`, in its unit: ``_n`` particles, ``_bias`` (median of measured minus
+        true), ``_spread`` (half the range that holds 68 %), ``_low`` and ``_high`` (95 % bootstrap
+        interval of the bias; NaN for fewer than six). ``lit`` and ``unlit``: detected particles
+        that truly ignite or not; ``lit_detected``, ``unlit_detected``: those measured as ignited.
     """
     generator = np.random.default_rng(seed)
     real = both[(both["particle"] >= 0) & both["measurable"]]
@@ -153,14 +180,24 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
 
 def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
-    """Return `errors` of every campaign and replaced step, in `jobs` processes."""
+    """Return `errors` of every campaign and replaced step (notebook 56), in ``jobs`` processes.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``replaced_step`` (see `replace_steps`), the entries of
+        `errors`; ``flights`` that count, and ``refused``: rejected flights from the lance.
+    """
     pieces = ((campaign, results.tables[:2]) for campaign in results.campaigns)
     parts = zip(results.campaigns, parallel.run_all(_budget, pieces, jobs), strict=True)
     return stack({campaign.key: part for campaign, part in parts})
 
 
 def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> pd.DataFrame:
-    """Return the rows of one campaign, given all tracks and trajectories."""
+    """Return the rows of `error_budget` for one campaign, without fraction and pressure.
+
+    ``measured`` holds the tracks and the trajectories of all campaigns.
+    """
     parts = (of_campaign(table, campaign.key).drop(columns=KEYS) for table in measured)
     tracks, trajectories = (part.reset_index(drop=True) for part in parts)
     true, rows = true_flights(campaign), []
@@ -172,7 +209,11 @@ def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> 
 
 
 def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
-    """Return by track the true particle of most, at least half, of its detections; -1: none."""
+    """Return the true particle (Series over tracks) of at least half the detections; -1: none.
+
+    ``tracks`` has ``frame``, ``particle`` (track), ``row``, ``col``; ``true`` the same columns of
+    true particles. The particle of most detections counts.
+    """
     owner = true_particles(tracks, true)
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
     count = table[table["particle"] >= 0].value_counts(["particle", "owner"]).reset_index()
@@ -184,9 +225,26 @@ def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
 def replace_steps(
     campaign: Campaign, tracks: pd.DataFrame, measured: Fits
 ) -> Iterator[tuple[str, FlightTables]]:
-    """Yield the flights with one step after the other replaced by the truth.
+    """Yield a name and the flights, with each step of the chain replaced by the truth.
 
-    ``tracks`` are the detections in the air with ``particle``, ``measured`` their trajectories.
+    This shows where errors come from (notebook 56).
+
+    Parameters
+    ----------
+    campaign
+        A simulated recording.
+    tracks
+        Measured tracks: detections in the air with ``particle``, the track (-1: none).
+    measured
+        Fitted trajectory of each track.
+
+    Yields
+    ------
+    tuple
+        Names are "true positions and links"; "true links" (detections linked by their true
+        particle); "true positions" (linked by the tracker); "true depth" (measured tracks with
+        true x, y, z); "true trajectories" (fitted to true positions); "weighted axes" (measured
+        tracks, axes weighted by 1 / `SCATTER_MM`; no truth); "whole chain" (nothing replaced).
     """
     true, run = campaigns.true_positions(campaign), campaign.run
     positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
@@ -211,10 +269,11 @@ def replace_steps(
 def with_truth(
     tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return detections linked by their true particle, and tracks with true x, y, z.
+    """Return detections linked by their true particle, and tracks with true x, y, z in mm.
 
-    Depths of links further from the true one than the tracker's gate are those of the background;
-    they become NaN.
+    ``owner`` (n,) is the true particle of each row of ``tracks``; -1: none, and x, y, z stay as
+    measured. In the first table x, y, z become NaN if the depth is off by at least the tracker's
+    gate: such points belong to the background.
     """
     index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
     places = true.set_index(["frame", "particle"])[AXES].reindex(index).set_axis(tracks.index)
@@ -224,9 +283,10 @@ def with_truth(
 
 
 def fit_tracks(run: KilnRun, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)) -> Fits:
-    """Return the trajectories by track, each axis weighted by one over its scale.
+    """Return the fitted trajectory of each track, axes weighted by one over their scale.
 
-    The measures of a fit are those of the divided axes.
+    ``table`` holds tracks with ``frame``, ``particle`` and x, y, z in mm. RMSE, MAPE and R2 of a
+    fit refer to the axes divided by ``scale_mm``; its coefficients are in mm/s^k.
     """
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
     rows = tracked(table)

@@ -44,22 +44,23 @@ _Key = TypeVar("_Key")
 
 
 class PictureTracks(NamedTuple):
-    """Measurements in the camera's pictures, and their tracks."""
+    """Measurements in the pictures of one recording, and their tracks."""
 
     calibration: Calibration
     spots: pd.DataFrame  # kilnflight.tables.BELT_SPOTS
-    followed: Followed
+    followed: Followed  # its ``row`` counts the rows of ``spots``
 
 
 def tracker_until(end_mm: float) -> BeltTracker:
-    """Return the tracker of the pictures that observes the belt up to a place."""
+    """Return the tracker at 200 frames/s that observes the belt up to x = ``end_mm``."""
     return BeltTracker(appearance=Appearance(Area(end_mm=end_mm)))
 
 
 def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> PictureTracks:
-    """Calibrate by the belt's corners, measure spots up to ``end_mm`` and track them (IV.B).
+    """Measure spots in pictures up to x = ``end_mm`` and track them (2016 paper, IV.B).
 
-    An empty belt gives empty tables.
+    The camera is calibrated by the belt's corners in the background, the mean of evenly spread
+    pictures. An empty belt gives empty tables.
     """
     step = max(1, len(pictures) // BACKGROUND_OF)
     spread = range(0, max(1, len(pictures)), step)
@@ -77,21 +78,26 @@ def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> P
 def track_all(
     pictures: Mapping[_Key, Pictures], jobs: int = 1, end_mm: float = PHASE_2016.start_mm
 ) -> dict[_Key, PictureTracks]:
-    """Return `track_pictures` of several recordings, by ``jobs`` processes."""
+    """Return `track_pictures` of several recordings by name, in ``jobs`` processes."""
     run = joblib.Parallel(n_jobs=jobs)
     tracked = run(joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values())
     return dict(zip(pictures, tracked, strict=True))
 
 
 def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the deviations of the three approaches on exact positions at 1000 Hz (IV.A).
+    """Return the deviations of three approaches on exact positions (IV.A, Figs 6a and 6c).
+
+    Parameters
+    ----------
+    bodies
+        `kilnflight.tables.BELT_TRACKS` at 1000 Hz, the rate of `rate_1000`.
 
     Returns
     -------
     DataFrame
-        ``approach`` (Sim, Tracking, Straight), ``particle``, ``lateral_mm``, ``temporal_ms``
-        (NaN for Straight, which the paper leaves out). The velocity of Sim is that of the last
-        three positions.
+        ``approach`` (Sim, Tracking, Straight), ``particle``; ``lateral_mm`` and ``temporal_ms`` as
+        in `deviations` (time NaN for Straight). Sim takes the velocity from the last three
+        positions, Tracking from the filter.
     """
     last, arrival, _ = PHASE_2016.observe(bodies)
     frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
@@ -103,10 +109,16 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
 
 
 def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the last states of valid tracks that enter the phase, ``truth`` beside them.
+    """Return the last states of tracks from pictures, with the particle of each.
 
-    ``truth`` is the particle from `match`, -1 where none accompanies the track. Columns are those
-    of `kilnflight.tables.BELT_LAST` and ``row``, that of the last spot.
+    Only valid tracks that enter the prediction phase are returned. ``bodies`` are the exact
+    `kilnflight.tables.BELT_TRACKS` at 1000 Hz; `match` takes those at the camera's 200 frames/s.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_LAST` with ``particle`` the track; ``row`` of its last spot in
+        ``pictured.spots``; ``truth``, the particle from `match` (-1: none).
     """
     last, states = last_states(pictured.followed, BELT_FRAME_S), pictured.followed.states
     pairs = match(states[states["row"] >= 0], at_rate(bodies, 1 / BELT_FRAME_S))
@@ -114,9 +126,10 @@ def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.Data
 
 
 def from_images(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the deviations of both approaches on images, columns as in `noise_free`.
+    """Return the deviations of Tracking and Straight from pictures (IV.B, Figs 6b and 6d).
 
-    Straight starts from the last measurement itself, not from the filter.
+    The columns are those of `noise_free`; ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS`.
+    Tracks without a particle are left out. Straight keeps the last measured y, not the filtered.
     """
     arrival = PHASE_2016.observe(bodies).arrival
     tracked = followed_particles(pictured, bodies)
@@ -129,7 +142,11 @@ def from_images(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
 def all_deviations(
     pictured: Mapping[str, PictureTracks], bodies: Mapping[str, pd.DataFrame]
 ) -> pd.DataFrame:
-    """Return `noise_free` and `from_images` by ``material`` and ``data``."""
+    """Return the deviations of all materials in one table (Fig. 6).
+
+    Both arguments are by material. To the columns of `noise_free` come ``material`` and ``data``
+    ("noise-free" or "images").
+    """
     parts = {}
     for material, tracks in bodies.items():
         parts[material, "noise-free"] = noise_free(tracks)
@@ -138,19 +155,20 @@ def all_deviations(
 
 
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
-    """Return the particle (a Series over the tracks) of the least distance function.
+    """Return the particle nearest to each track, a Series over the tracks (section IV).
 
     Parameters
     ----------
     states, truth
-        ``frame``, ``particle``, ``x``, ``y`` of tracks and of particles in the same frames.
+        ``frame``, ``particle``, ``x``, ``y`` (mm) of tracks and of particles. The frames of both
+        count at the same rate from the same moment.
 
     Notes
     -----
-    The function is "the euclidean norm of the euclidean distances between all estimated
-    positions and all corresponding ground truth positions". The paper leaves open how to treat
-    a particle that is absent in some of the frames; here it is no candidate. Two tracks may
-    match the same particle.
+    The least distance counts: "the euclidean norm of the euclidean distances between all
+    estimated positions and all corresponding ground truth positions". The paper leaves open how
+    to treat a particle that is absent in some frames of a track; here it is no candidate. A track
+    without a candidate is left out. Two tracks may match the same particle.
     """
     names = ["frame", "particle", "x", "y"]
     table = states[names].merge(truth[names], on="frame", suffixes=("", "_true"))
@@ -163,22 +181,24 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
 
 
 def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.DataFrame:
-    """Return deviations of predictions to the target of `PHASE_2016`.
+    """Return how far predictions deviate from arrivals at the target of `PHASE_2016`.
 
     Parameters
     ----------
     approach
-        STRAIGHT keeps the lateral position and has no time; the others have constant velocity.
-    last, arrival
-        `kilnflight.tables.BELT_LAST` and `kilnflight.tables.BELT_ARRIVAL`; particles that did not
-        arrive are left out.
+        Straight keeps the lateral position and predicts no time. Sim and Tracking have constant
+        velocity.
+    last
+        `kilnflight.tables.BELT_LAST` with the true ``particle``; one may have several rows.
+    arrival
+        `kilnflight.tables.BELT_ARRIVAL`; particles that did not arrive are left out.
 
     Returns
     -------
     DataFrame
-        ``approach``, ``particle``; ``lateral_mm`` (prediction minus truth); ``temporal_ms``,
-        positive where the particle has arrived earlier than predicted (Fig. 6). NaN where a
-        particle does not move towards the edge.
+        A row per row of ``last``: ``approach``, ``particle``; ``lateral_mm`` and ``temporal_ms``,
+        prediction minus truth, so positive if the particle arrived earlier than predicted (Fig.
+        6). NaN if a particle does not move towards the edge.
     """
     last = BELT_LAST.check(last[last["particle"].isin(arrival["particle"])])
     truth = BELT_ARRIVAL.check(arrival).set_index("particle").loc[last["particle"]]
@@ -193,10 +213,11 @@ def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.D
 
 
 def rate_1000() -> BeltTracker:
-    """Return the tracker at 1000 Hz without noise: the same per second, more frames.
+    """Return the tracker for exact positions at 1000 Hz (section IV.A).
 
-    A collision changes a velocity at once, by up to what particles differ in (433 mm/s). With
-    exact positions the filter's state does not depend on this number, only the gate does.
+    Counts and lengths per frame are scaled, so that those per second equal the tracker's at 200
+    frames/s. A collision changes the velocity within a frame by up to 433 mm/s, the standard
+    deviation between particles. With exact positions this number affects the gate only.
     """
     appearance, names = Appearance(), ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
     share = 1 / (TRUTH_HZ * BELT_FRAME_S)
@@ -209,8 +230,23 @@ def rate_1000() -> BeltTracker:
 def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataFrame:
     """Return the box plots of Fig. 6, a row per group and quantity, with 95 % intervals.
 
-    Intervals of ``median``, ``iqr`` and ``mae_centred`` (mean absolute deviation from the mean)
-    are by a bootstrap over particles; ``absolute_q95`` holds 95 % of the sizes.
+    Parameters
+    ----------
+    table
+        ``lateral_mm``, ``temporal_ms`` and the columns ``groups``, from `all_deviations`.
+    groups
+        Columns that stay apart.
+    seed
+        Seed of the bootstrap, the same draws for each row.
+
+    Returns
+    -------
+    DataFrame
+        ``groups``, ``quantity`` (``lateral_mm`` or ``temporal_ms``, which is the unit of what
+        follows); the columns `kilnflight.belt.phase.SUMMARY`; ``absolute_q95``, below which 95 %
+        of the absolute deviations lie; ``mae_centred``, the mean absolute deviation from the mean;
+        ``_low`` and ``_high`` of ``median``, ``iqr`` and ``mae_centred`` (bootstrap over
+        particles). Quantities without a value have no row.
     """
     rows = []
     for key, part in table.groupby(list(groups), sort=False):
@@ -230,7 +266,10 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
 
 
 def _spreads(values: Array) -> dict[str, Array]:
-    """Return median, interquartile range and mean absolute deviation from the mean."""
+    """Return median, interquartile range and mean absolute deviation from the mean, (...,).
+
+    ``values`` are (..., n), without NaN; each draw of a bootstrap is one entry of the first axes.
+    """
     q25, median, q75 = np.quantile(values, [0.25, 0.5, 0.75], axis=-1)
     away = np.abs(values - values.mean(axis=-1, keepdims=True)).mean(axis=-1)
     return {"median": median, "iqr": q75 - q25, "mae_centred": away}

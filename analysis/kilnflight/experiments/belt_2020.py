@@ -35,17 +35,23 @@ INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not 
 DATA_SETS = tuple(MATERIALS)
 CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
-_CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
+_CALIBRATIONS = 20  # draws of calibration particles, shared by the replicates of a bootstrap
 PHASE = PredictionPhase()
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
 UNITS = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")  # columns in ms or mm
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
-Order = tuple[str, tuple[str, ...], tuple[str, ...]]  # claim; models with less deviation; others
+# Id of a claim, models that should deviate less, models that should deviate more.
+Order = tuple[str, tuple[str, ...], tuple[str, ...]]
 
 
 def find_dem() -> dict[str, Path]:
-    """Return all three bulk materials' DEM files, or nothing if none was fetched.
+    """Return the authors' DEM files of all three bulk materials, empty if none was fetched.
+
+    Returns
+    -------
+    dict
+        Path by material: spheres, cuboids, cylinders; checksums are verified.
 
     Raises
     ------
@@ -63,22 +69,22 @@ def find_dem() -> dict[str, Path]:
 def load_tracks(
     files: Mapping[str, Path], seed: int, particles: int | None = None
 ) -> dict[str, pd.DataFrame]:
-    """Return the tracks of each data set: the authors', or else those of the friction model.
+    """Return the tracks of each bulk material, the authors' or those of the friction model.
 
     Parameters
     ----------
     files
-        The authors' files by data set, from `find_dem`; empty: the
-        friction model (`kilnflight.sorter.friction`) stands in.
+        The authors' files by material, from `find_dem`; empty: the friction model
+        (`kilnflight.sorter.friction`) takes their place.
     seed
-        Of the friction model.
+        Seed of the friction model.
     particles
-        How many of each data set, the first to enter; None: all.
+        Number of particles of each material, the first to enter; None: all.
 
     Returns
     -------
     dict
-        `kilnflight.tables.BELT_TRACKS` at 100 Hz by data set.
+        `kilnflight.tables.BELT_TRACKS` at 100 Hz by material.
     """
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
@@ -93,13 +99,14 @@ def load_tracks(
 def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
     """Return tracks at another sampling rate, interpolated by a cubic spline per particle.
 
-    The authors evaluated at 1000 Hz and published their tracks at 100 Hz. A spline shows what a
-    rate does to the models. It adds nothing that lies between the published positions.
+    The authors evaluated at 1000 Hz and published their tracks at 100 Hz. The camera of the 2016
+    paper needs 200 frames/s. A spline adds no motion between the published positions.
 
     Parameters
     ----------
     tracks
-        `kilnflight.tables.BELT_TRACKS` without gaps.
+        `kilnflight.tables.BELT_TRACKS` without gaps, which would be interpolated; at least two
+        positions per particle.
     rate_hz
         Frames per second of the result; frame 0 is at 0 s.
 
@@ -124,15 +131,19 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
 
 
 def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return the velocity between consecutive observations, at their midpoint (Fig. 8).
+    """Return velocities (mm/s) between consecutive frames, one row per pair (Figs 7 and 8).
 
-    ``tracks`` are `kilnflight.tables.BELT_TRACKS` with an index without repetition.
+    Parameters
+    ----------
+    tracks
+        `kilnflight.tables.BELT_TRACKS`. Index labels must be unique, since columns are joined by
+        them.
 
     Returns
     -------
     DataFrame
-        Columns ``particle``, ``x`` (mm), ``velocity_x_mm_s``, ``velocity_y_mm_s``; steps
-        across a gap are left out.
+        ``particle``; ``x``, the midpoint of both positions in mm; ``velocity_x_mm_s``,
+        ``velocity_y_mm_s``. Pairs across a gap in the frames are left out.
     """
     table = tracks.sort_values(["particle", "frame"], kind="stable")
     step = table.diff()
@@ -143,9 +154,11 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
-    """Return velocities at places along the belt, (particles, places), NaN where not seen.
+    """Return velocities (particles, places) in mm/s at places along the belt (section 4.1).
 
-    A column of `step_velocities` is interpolated linearly along x (section 4.1).
+    ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at ``x_mm`` (places,);
+    NaN outside a particle's positions. The x of a particle must ascend. Figs 7 and 8 need the
+    profiles.
     """
     rows = [
         np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
@@ -157,10 +170,25 @@ def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
 def compare_models(
     observed: Sets, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
 ) -> pd.DataFrame:
-    """Return the deviations of all models, one row per data set and model.
+    """Return the deviations of all models, one row per data set and model (Figs 9 and 10).
 
-    Each summary is the median over the calibration draws. Between ``iqr_low`` and ``iqr_high``,
-    ``mae_low`` and ``mae_high`` lie 95 % of the draws.
+    Parameters
+    ----------
+    observed
+        Last observations and arrivals by data set, from `PredictionPhase.observe`.
+    phase
+        Start and target of the prediction.
+    deviations
+        `kilnflight.belt.phase.arrival_deviations` (ms) or `lateral_deviations` (mm).
+    draws, seed
+        Number and seed of the draws of calibration particles.
+
+    Returns
+    -------
+    DataFrame
+        ``data_set``, ``model`` and `kilnflight.belt.phase.SUMMARY` in ms or mm, medians over the
+        draws. 95 % of the draws lie between ``iqr_low`` and ``iqr_high``, ``mae_low`` and
+        ``mae_high``.
     """
     parts = {
         name: evaluate(part, phase, deviations, draws, seed) for name, part in observed.items()
@@ -173,7 +201,7 @@ def compare_models(
 
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
-    """Return a table of deviations with the unit in the names of its columns."""
+    """Return a table of deviations with ``unit`` ("ms" or "mm") in names that match `UNITS`."""
     return table.rename(columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name)
 
 
@@ -187,16 +215,25 @@ def compare_orders(
 ) -> pd.DataFrame:
     """Return by how much models deviate more than others, with 95 % intervals over particles.
 
+    `holds` reads the answers of the 2020 paper's claims from this table.
+
     Parameters
     ----------
+    observed, phase, deviations, seed
+        As in `compare_models`.
     orders
-        By data set: a claim, models that deviate less, models that deviate more.
+        By data set: id of a claim, models that should deviate less, models that should deviate
+        more.
+    scale
+        "quick", "standard" or "full"; sets `CALIBRATION_DRAWS` and `REPLICATES`.
 
     Returns
     -------
     DataFrame
-        ``id``, ``data_set``, ``measure``, ``lower``, ``higher`` (models); ``excess`` of the least
-        of ``higher`` over the greatest of ``lower``, its ends ``excess_low``, ``excess_high``.
+        One row per order and measure: ``id``, ``data_set``, ``measure`` (MAE or IQR), ``lower``
+        and ``higher`` (names of models, joined by spaces); ``excess``, the smallest deviation of
+        ``higher`` minus the largest of ``lower`` in ms or mm, with its ends ``excess_low`` and
+        ``excess_high``.
     """
     rows, draws = [], min(CALIBRATION_DRAWS[scale], _CALIBRATIONS)
     for data_set, part in observed.items():
@@ -217,8 +254,14 @@ def bootstrap(
 ) -> dict[str, pd.DataFrame]:
     """Return MAE and IQR of all models in bootstrap replicates over particles.
 
-    Every replicate draws particles with replacement, the same ones for all models, after a
-    calibration with 1 % of them (section 5) that is one of `_CALIBRATIONS` draws.
+    Models are calibrated with 1 % of the particles (section 5), in up to `_CALIBRATIONS` draws.
+    Each replicate takes one calibration and draws the other particles with replacement. They are
+    the same for all models, so differences between models are paired.
+
+    Returns
+    -------
+    dict
+        "MAE" and "IQR": (replicates, models) in the unit of ``deviations``, a column per model.
     """
     generator, count = np.random.default_rng(seed), len(observed.last)
     draws = []
@@ -235,7 +278,7 @@ def bootstrap(
 
 
 def _measures(values: Array) -> Array:
-    """Return mean absolute value and interquartile range, (2, models), of (n, models)."""
+    """Return MAE and IQR (2, models) of deviations (n, models); NaN (unpredicted) is ignored."""
     # without NaN all columns at once; else numpy takes one after the other
     quantile = np.nanquantile if np.isnan(values).any() else np.quantile
     spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))
@@ -243,9 +286,22 @@ def _measures(values: Array) -> Array:
 
 
 def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -> list[bool | None]:
-    """Return whether each order of a claim holds by all measures; None: it is open.
+    """Return whether each order of a claim holds, one answer per data set and order.
 
-    ``pairs`` is from `compare_orders`; the orders of all data sets follow each other.
+    Parameters
+    ----------
+    pairs
+        From `compare_orders`; its rows give the sequence of the answers.
+    claim
+        Id of the claim.
+    by
+        Measures that must agree.
+
+    Returns
+    -------
+    list
+        True if the 95 % intervals of all measures lie above 0, False if all lie below 0, else
+        None.
     """
     chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
     answers = []
@@ -258,9 +314,20 @@ def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -
 def draw_deviations(
     summaries: pd.DataFrame, rows: str, labels: Mapping[str, str], height_mm: float, rotation: float
 ) -> Figure:
-    """Draw box plots of deviations: a panel per ``data_set`` and value of the column ``rows``.
+    """Draw box plots of deviations by model, after Figs 9 and 10 of the 2020 paper.
 
-    ``labels`` name the vertical axes by that value; ``rotation`` turns the models' names.
+    Parameters
+    ----------
+    summaries
+        From `compare_models`, with the column ``rows``; a box per row.
+    rows
+        Column whose values are the rows of panels; ``data_set`` gives the columns of panels.
+    labels
+        Label of the vertical axis by value of that column.
+    height_mm
+        Height of the figure.
+    rotation
+        Angle of the models' names in degrees.
     """
     sets, size = summaries["data_set"].unique(), {"width_mm": style.PAGE_MM, "height_mm": height_mm}
     picture, grid = style.canvas(len(labels), len(sets), **size)

@@ -13,14 +13,14 @@ from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
 from kilnflight.project import data, paths
 
-PAUSE = 100  # frames between joined recordings
+PAUSE = 100  # frames between joined recordings; keeps their frames apart
 
 
 def find_recordings() -> dict[str, list[Path]]:
-    """Return the files of measured positions by material; none where there are none.
+    """Return the files of measured positions by material, empty if there are none.
 
     The folder is ``KILNFLIGHT_RECORDINGS``, else ``belt_recordings`` beside the authors' other
-    data. There ``make data`` puts them, and they must be the published ones.
+    data. Files in the latter must be the published ones (SHA-256), as ``make data`` puts them.
 
     Raises
     ------
@@ -41,9 +41,15 @@ def find_recordings() -> dict[str, list[Path]]:
 
 
 def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Join recordings into one table with different track numbers, `PAUSE` frames apart.
+    """Join recordings into one table with unique track numbers, `PAUSE` frames apart.
 
-    A recording without a measurement has no last frame: it adds the pause and nothing else.
+    Statistics of a material need all its recordings in one table (notebook 44).
+
+    Parameters
+    ----------
+    recordings
+        Measurements with ``frame`` and ``author_track`` (-1: none), from
+        `kilnflight.belt.recordings.read_recording`. An empty one adds the pause only.
 
     Raises
     ------
@@ -61,9 +67,10 @@ def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
-    """Join tracks of recordings as `join_recordings` joins the recordings.
+    """Join the tracks of several recordings to match `join_recordings`.
 
-    ``parts`` has the measurements of each recording and their tracks.
+    ``parts`` holds measurements and tracks of each recording, in the order of `join_recordings`.
+    Frames and rows refer to its table, so both functions must shift frames equally.
     """
     states, ends, frame, row, track = [], [], 0, 0, 0
     for measured, followed in parts:
@@ -76,7 +83,7 @@ def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
 
 
 def _shifted(table: pd.DataFrame, **offsets: int) -> pd.DataFrame:
-    """Return a table with offsets added to columns; -1 (none) stays."""
+    """Return a table with an offset added to each named column; -1 (none) stays."""
     moved = {name: table[name] + by * (table[name] >= 0) for name, by in offsets.items()}
     return table.assign(**moved)
 
@@ -86,7 +93,11 @@ def _greatest(numbers: pd.Series, if_none: int) -> int:
 
 
 def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
-    """Return pairs of row numbers: rows that follow each other in a track (-1: none)."""
+    """Return the links of tracks: pairs (links, 2) of row numbers, earlier and later.
+
+    ``column`` of ``table`` holds each measurement's track (-1: none); rows are ordered by
+    ``frame``.
+    """
     track, frame = table[column].to_numpy(), table["frame"].to_numpy()
     order = np.lexsort((frame, track))
     same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
@@ -94,20 +105,23 @@ def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
 
 
 def compare_links(measured: pd.DataFrame, followed: Followed) -> dict[str, float]:
-    """Compare the links of a tracker with those of the authors.
+    """Compare a tracker's links with the authors' (notebook 44).
+
+    A link is a pair of measurements that follow each other in a track.
 
     Parameters
     ----------
     measured
         From `join_recordings`, a row per measurement.
     followed
-        Tracks of these measurements.
+        Tracks of these measurements, from `join_followed`.
 
     Returns
     -------
     dict
-        ``links_authors``, ``links_tracker``; ``recall_percent``: share of the authors' links that
-        the tracker has; ``agreed_percent``: share of its links that the authors have.
+        Numbers ``links_authors``, ``links_tracker``; ``recall_percent``: share of the authors'
+        links that the tracker found; ``agreed_percent``: share of the tracker's links that the
+        authors have.
     """
     states = followed.states[followed.states["row"] >= 0]
     track = pd.Series(states["particle"].to_numpy(), states["row"])

@@ -51,20 +51,24 @@ PASS_S = 1000.0  # from one pass of the same recording to the next, longer than 
 
 
 class Entering(NamedTuple):
-    """Tracks as they enter the prediction phase, and what truly arrives at the valves."""
+    """Tracks that enter the prediction phase, and particles that truly arrive at the valves."""
 
-    last: pd.DataFrame  # kilnflight.tables.BELT_LAST, a row for each track
-    truth: Integers  # the particle of each track; -1: none that arrives
+    last: pd.DataFrame  # kilnflight.tables.BELT_LAST, a row for each of n tracks
+    truth: Integers  # (n,) the particle of each track; -1: none that arrives
     arrival: pd.DataFrame  # kilnflight.tables.BELT_ARRIVAL, a row for each particle
-    target_mm: float  # where the valves are
+    target_mm: float  # x of the valves
 
     @property
     def rows(self) -> Integers:
-        """The row of ``arrival`` of each track's particle; -1: none."""
+        """Row (n,) of ``arrival`` that holds each track's particle; -1: none."""
         return np.asarray(pd.Index(self.arrival["particle"]).get_indexer(self.truth))
 
     def halves(self) -> tuple[Entering, Entering]:
-        """Return what arrives first and what arrives later, half of the particles each."""
+        """Return the earlier and the later half of the particles, each with its tracks.
+
+        Tracks without a particle are split at the median time of the last observations. The first
+        half calibrates the models, the second tests them.
+        """
         first = (self.arrival["time_s"].rank(method="first") <= len(self.arrival) / 2).to_numpy()
         rows, entry = self.rows, self.last["time_s"]
         early = (entry <= entry.median()).to_numpy()
@@ -78,7 +82,7 @@ class Entering(NamedTuple):
         return first_half, second_half
 
     def fit(self, models: Models) -> Models:
-        """Return the models calibrated with the tracks whose particle is known."""
+        """Return name, arrival and lateral model, calibrated with tracks of known particles."""
         matched, target = self.rows >= 0, self.target_mm
         last = self.last[matched].assign(particle=self.truth[matched])
         arrival = self.arrival.iloc[self.rows[matched]]
@@ -88,31 +92,43 @@ class Entering(NamedTuple):
         ]
 
     def predict(self, when: ArrivalModel, where: LateralModel) -> pd.DataFrame:
-        """Return `kilnflight.tables.BELT_PREDICTED` of all tracks."""
+        """Return time and place of all n tracks at the valves, as `BELT_PREDICTED`."""
         return predict_arrivals(self.last, when, where, self.target_mm)
 
     @property
     def missed_share(self) -> float:
-        """Share of the particles that arrive without a prediction."""
+        """Share of the arriving particles that no track follows, so without a prediction."""
         return float((~self.arrival["particle"].isin(self.truth)).mean())
 
 
 def draw_lots(
     entering: Entering, predicted: pd.DataFrame, blown: float, seed: int
 ) -> tuple[pd.DataFrame, pd.DataFrame, Flags]:
-    """Let a recording pass several times; each time another lot of particles is blown out.
+    """Repeat a recording, with other randomly drawn particles to be blown out in each pass.
 
-    So each particle is to be blown out once and is one of the others in all other passes. Tracks
-    without a particle are not blown out: what they are is unknown.
+    Each particle is to be blown out in one pass and counts as one of the others in the rest. So
+    few particles suffice for both shares. Tracks without a particle are never blown out.
+
+    Parameters
+    ----------
+    entering
+        Tracks and arrivals of the recording.
+    predicted
+        `kilnflight.tables.BELT_PREDICTED`, a row per track of ``entering``.
+    blown
+        Share of the particles to be blown out in a pass; there are 1 / ``blown`` passes.
+    seed
+        Seed of the draw.
 
     Returns
     -------
-    DataFrame
-        `kilnflight.tables.BELT_PREDICTED` of what is to be blown out.
-    DataFrame
-        `kilnflight.tables.BELT_ARRIVAL` of all passes.
-    ndarray
-        Which of these are to be blown out.
+    meant : DataFrame
+        `kilnflight.tables.BELT_PREDICTED` of the particles to be blown out; pass k is shifted by
+        k times `PASS_S`.
+    every : DataFrame
+        `kilnflight.tables.BELT_ARRIVAL` (m rows) of all passes, shifted alike.
+    chosen : ndarray
+        (m,), whether a particle is to be blown out in that pass.
     """
     passes, arrival = round(1 / blown), entering.arrival
     lot = np.random.default_rng(seed).permutation(len(arrival)) % passes
@@ -126,14 +142,17 @@ def draw_lots(
 
 
 def of_bodies(bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
-    """Return tracks of exact positions; each is its particle."""
+    """Return exact tracks (`kilnflight.tables.BELT_TRACKS`), each of which is its particle."""
     observed = phase.observe(bodies)
     truth = observed.last["particle"].to_numpy()
     return Entering(observed.last, truth, observed.arrival, phase.target_mm)
 
 
 def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
-    """Return valid tracks of pictures that enter the phase, with the particles they followed."""
+    """Return valid tracks from pictures that enter the phase, with their true particles.
+
+    ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz of the same particles.
+    """
     arrival, last = phase.observe(bodies).arrival, followed_particles(pictured, bodies)
     truth = last["truth"].where(last["truth"].isin(arrival["particle"]), -1)
     return Entering(last, truth.to_numpy(), arrival, phase.target_mm)
@@ -146,14 +165,28 @@ def compare_bars(
     blown: float,
     models: Models = VALVE_MODELS,
 ) -> pd.DataFrame:
-    """Return hits and co-deflections by model and bar.
+    """Return hits and co-deflections, one row per model and bar (notebook 45).
+
+    The earlier half of the particles calibrates, the later half is reported.
+
+    Parameters
+    ----------
+    entering
+        Tracks and arrivals, from `of_bodies` or `of_pictures`.
+    bars
+        Settings of the valves.
+    seed, blown
+        Seed and share of the particles to be blown out, as in `draw_lots`.
+    models
+        Name, arrival model and lateral model of each combination.
 
     Returns
     -------
     DataFrame
-        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``delay_ms``,
-        ``hit_percent`` (of those to be blown out), ``inadvertent_percent`` (of the others),
-        ``lateral_q95_mm`` (95 % are predicted within) and ``missed_percent`` (no prediction).
+        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``delay_ms``;
+        ``hit_percent`` of the particles to be blown out, ``inadvertent_percent`` of the others;
+        ``lateral_q95_mm``, within which 95 % of the places are predicted; ``missed_percent`` of
+        the particles, without a prediction.
     """
     (first, second), rows = entering.halves(), []
     known = second.rows >= 0
