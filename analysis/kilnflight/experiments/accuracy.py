@@ -74,7 +74,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
-    """Return measured values beside true ones, a row per particle and per false flight.
+    """Return measured beside true values, a row per particle and false flight.
 
     Only particles whose whole flight lies within the recorded frames have a row. A particle with
     several tracks is represented by the longest. False flights belong to no particle and come last.
@@ -126,7 +126,7 @@ def with_particles(measured: FlightTables) -> pd.DataFrame:
 
 
 def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables]]:
-    """Yield each campaign and its measured flights with their true particles (notebook 53)."""
+    """Yield each campaign and its measured flights with their true particles."""
     for campaign in results.campaigns:
         tracks, _, flights, slices = (of_campaign(each, campaign.key) for each in results.tables)
         true = campaigns.true_positions(campaign)
@@ -135,12 +135,12 @@ def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables
 
 
 def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
-    """Return `compare` of all campaigns in one table, ``fraction`` and ``pressure_bar`` first."""
+    """Return `compare` of all campaigns, ``fraction`` and ``pressure_bar`` first."""
     return stack({each.key: compare(ours, true_flights(each)) for each, ours in matched(results)})
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
-    """Return bias and spread of measured quantities, and counts of detected particles.
+    """Return bias and spread of measured quantities, and counts of particles.
 
     Parameters
     ----------
@@ -180,7 +180,9 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
 
 def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
-    """Return `errors` of every campaign and replaced step (notebook 56), in ``jobs`` processes.
+    """Return `errors` of each campaign and replaced step, in ``jobs`` processes.
+
+    It shows which step of the chain causes the errors (notebook 56).
 
     Returns
     -------
@@ -194,7 +196,7 @@ def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
 
 
 def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> pd.DataFrame:
-    """Return the rows of `error_budget` for one campaign, without fraction and pressure.
+    """Return the rows of `error_budget` for one campaign, without its key.
 
     ``measured`` holds the tracks and the trajectories of all campaigns.
     """
@@ -209,10 +211,11 @@ def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> 
 
 
 def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
-    """Return the true particle (Series over tracks) of at least half the detections; -1: none.
+    """Return the true particle of each track, a Series over tracks; -1: none.
 
-    ``tracks`` has ``frame``, ``particle`` (track), ``row``, ``col``; ``true`` the same columns of
-    true particles. The particle of most detections counts.
+    It is the particle of most of the track's detections, if it has at least half of them.
+    ``tracks`` has ``frame``, ``particle`` (the track), ``row`` and ``col`` (px); ``true`` has the
+    same columns of true particles.
     """
     owner = true_particles(tracks, true)
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
@@ -225,7 +228,7 @@ def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
 def replace_steps(
     campaign: Campaign, tracks: pd.DataFrame, measured: Fits
 ) -> Iterator[tuple[str, FlightTables]]:
-    """Yield a name and the flights, with each step of the chain replaced by the truth.
+    """Yield a name and the flights, with each step in turn replaced by truth.
 
     This shows where errors come from (notebook 56).
 
@@ -269,11 +272,11 @@ def replace_steps(
 def with_truth(
     tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return detections linked by their true particle, and tracks with true x, y, z in mm.
+    """Return detections linked by true particle, and tracks with true x, y, z.
 
-    ``owner`` (n,) is the true particle of each row of ``tracks``; -1: none, and x, y, z stay as
-    measured. In the first table x, y, z become NaN if the depth is off by at least the tracker's
-    gate: such points belong to the background.
+    ``owner`` (n,) is the true particle of each row of ``tracks``; with -1 (none) x, y, z stay as
+    measured. In the first table x, y, z (mm) become NaN if the depth is off by at least the
+    tracker's gate: such points belong to the background.
     """
     index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
     places = true.set_index(["frame", "particle"])[AXES].reindex(index).set_axis(tracks.index)
@@ -283,7 +286,7 @@ def with_truth(
 
 
 def fit_tracks(run: KilnRun, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)) -> Fits:
-    """Return the fitted trajectory of each track, axes weighted by one over their scale.
+    """Return the trajectory by track, each axis weighted by one over its scale.
 
     ``table`` holds tracks with ``frame``, ``particle`` and x, y, z in mm. RMSE, MAPE and R2 of a
     fit refer to the axes divided by ``scale_mm``; its coefficients are in mm/s^k.

@@ -57,7 +57,7 @@ def tracker_until(end_mm: float) -> BeltTracker:
 
 
 def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> PictureTracks:
-    """Measure spots in pictures up to x = ``end_mm`` and track them (2016 paper, IV.B).
+    """Measure spots in pictures up to x = ``end_mm`` and track them (IV.B).
 
     The camera is calibrated by the belt's corners in the background, the mean of evenly spread
     pictures. An empty belt gives empty tables.
@@ -85,7 +85,7 @@ def track_all(
 
 
 def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the deviations of three approaches on exact positions (IV.A, Figs 6a and 6c).
+    """Return deviations of three approaches on exact positions (Figs 6a and 6c).
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.Data
 
 
 def from_images(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the deviations of Tracking and Straight from pictures (IV.B, Figs 6b and 6d).
+    """Return deviations of Tracking and Straight from pictures (Figs 6b and 6d).
 
     The columns are those of `noise_free`; ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS`.
     Tracks without a particle are left out. Straight keeps the last measured y, not the filtered.
@@ -155,7 +155,7 @@ def all_deviations(
 
 
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
-    """Return the particle nearest to each track, a Series over the tracks (section IV).
+    """Return the particle nearest to each track, a Series over tracks (IV).
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def rate_1000() -> BeltTracker:
 
 
 def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataFrame:
-    """Return the box plots of Fig. 6, a row per group and quantity, with 95 % intervals.
+    """Return the box plots of Fig. 6 with 95 % intervals, a row per box.
 
     Parameters
     ----------
@@ -266,9 +266,10 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
 
 
 def _spreads(values: Array) -> dict[str, Array]:
-    """Return median, interquartile range and mean absolute deviation from the mean, (...,).
+    """Return median, interquartile range and mean absolute deviation, (...,).
 
-    ``values`` are (..., n), without NaN; each draw of a bootstrap is one entry of the first axes.
+    ``values`` are (..., n) without NaN, such as one row per draw of a bootstrap. The deviation is
+    from the mean.
     """
     q25, median, q75 = np.quantile(values, [0.25, 0.5, 0.75], axis=-1)
     away = np.abs(values - values.mean(axis=-1, keepdims=True)).mean(axis=-1)

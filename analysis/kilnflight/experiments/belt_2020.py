@@ -46,7 +46,7 @@ Order = tuple[str, tuple[str, ...], tuple[str, ...]]
 
 
 def find_dem() -> dict[str, Path]:
-    """Return the authors' DEM files of all three bulk materials, empty if none was fetched.
+    """Return the authors' DEM file of each material, empty if none was fetched.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def find_dem() -> dict[str, Path]:
 def load_tracks(
     files: Mapping[str, Path], seed: int, particles: int | None = None
 ) -> dict[str, pd.DataFrame]:
-    """Return the tracks of each bulk material, the authors' or those of the friction model.
+    """Return the tracks by material, the authors' or the friction model's.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def load_tracks(
 
 
 def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-    """Return tracks at another sampling rate, interpolated by a cubic spline per particle.
+    """Return tracks at another sampling rate, by a cubic spline per particle.
 
     The authors evaluated at 1000 Hz and published their tracks at 100 Hz. The camera of the 2016
     paper needs 200 frames/s. A spline adds no motion between the published positions.
@@ -131,7 +131,9 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
 
 
 def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return velocities (mm/s) between consecutive frames, one row per pair (Figs 7 and 8).
+    """Return velocities between consecutive frames, one row per pair, in mm/s.
+
+    Figs 7 and 8 of the 2020 paper show them along the belt.
 
     Parameters
     ----------
@@ -154,11 +156,11 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
-    """Return velocities (particles, places) in mm/s at places along the belt (section 4.1).
+    """Return velocities (particles, places) in mm/s at places along the belt.
 
-    ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at ``x_mm`` (places,);
-    NaN outside a particle's positions. The x of a particle must ascend. Figs 7 and 8 need the
-    profiles.
+    ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at ``x_mm`` (places,),
+    NaN outside a particle's positions (section 4.1). The x of a particle must ascend. The mean over
+    particles is the curve of Fig. 7.
     """
     rows = [
         np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
@@ -170,7 +172,9 @@ def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
 def compare_models(
     observed: Sets, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
 ) -> pd.DataFrame:
-    """Return the deviations of all models, one row per data set and model (Figs 9 and 10).
+    """Return the deviations of all models, one row per data set and model.
+
+    Figs 9 and 10 of the 2020 paper show them as boxes.
 
     Parameters
     ----------
@@ -201,7 +205,7 @@ def compare_models(
 
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
-    """Return a table of deviations with ``unit`` ("ms" or "mm") in names that match `UNITS`."""
+    """Return a table with ``unit`` (ms or mm) added to names that match `UNITS`."""
     return table.rename(columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name)
 
 
@@ -213,9 +217,10 @@ def compare_orders(
     scale: str,
     seed: int,
 ) -> pd.DataFrame:
-    """Return by how much models deviate more than others, with 95 % intervals over particles.
+    """Return by how much models deviate more than others, with 95 % intervals.
 
-    `holds` reads the answers of the 2020 paper's claims from this table.
+    Intervals are over particles (bootstrap). `holds` reads the answers to the 2020 paper's claims
+    from this table.
 
     Parameters
     ----------
@@ -278,7 +283,7 @@ def bootstrap(
 
 
 def _measures(values: Array) -> Array:
-    """Return MAE and IQR (2, models) of deviations (n, models); NaN (unpredicted) is ignored."""
+    """Return MAE and IQR (2, models) of deviations (n, models), NaN ignored."""
     # without NaN all columns at once; else numpy takes one after the other
     quantile = np.nanquantile if np.isnan(values).any() else np.quantile
     spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))

@@ -51,7 +51,7 @@ PASS_S = 1000.0  # from one pass of the same recording to the next, longer than 
 
 
 class Entering(NamedTuple):
-    """Tracks that enter the prediction phase, and particles that truly arrive at the valves."""
+    """Tracks that enter the prediction phase, and particles that truly arrive."""
 
     last: pd.DataFrame  # kilnflight.tables.BELT_LAST, a row for each of n tracks
     truth: Integers  # (n,) the particle of each track; -1: none that arrives
@@ -82,7 +82,7 @@ class Entering(NamedTuple):
         return first_half, second_half
 
     def fit(self, models: Models) -> Models:
-        """Return name, arrival and lateral model, calibrated with tracks of known particles."""
+        """Return name, arrival and lateral model, calibrated with known particles."""
         matched, target = self.rows >= 0, self.target_mm
         last = self.last[matched].assign(particle=self.truth[matched])
         arrival = self.arrival.iloc[self.rows[matched]]
@@ -92,7 +92,10 @@ class Entering(NamedTuple):
         ]
 
     def predict(self, when: ArrivalModel, where: LateralModel) -> pd.DataFrame:
-        """Return time and place of all n tracks at the valves, as `BELT_PREDICTED`."""
+        """Return time and place of all n tracks at the valves.
+
+        The columns are those of `kilnflight.tables.BELT_PREDICTED`.
+        """
         return predict_arrivals(self.last, when, where, self.target_mm)
 
     @property
@@ -104,7 +107,7 @@ class Entering(NamedTuple):
 def draw_lots(
     entering: Entering, predicted: pd.DataFrame, blown: float, seed: int
 ) -> tuple[pd.DataFrame, pd.DataFrame, Flags]:
-    """Repeat a recording, with other randomly drawn particles to be blown out in each pass.
+    """Repeat a recording, with other particles to be blown out in each pass.
 
     Each particle is to be blown out in one pass and counts as one of the others in the rest. So
     few particles suffice for both shares. Tracks without a particle are never blown out.
@@ -142,16 +145,20 @@ def draw_lots(
 
 
 def of_bodies(bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
-    """Return exact tracks (`kilnflight.tables.BELT_TRACKS`), each of which is its particle."""
+    """Return exact tracks that enter the phase; each is its own particle.
+
+    ``bodies`` are `kilnflight.tables.BELT_TRACKS`.
+    """
     observed = phase.observe(bodies)
     truth = observed.last["particle"].to_numpy()
     return Entering(observed.last, truth, observed.arrival, phase.target_mm)
 
 
 def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
-    """Return valid tracks from pictures that enter the phase, with their true particles.
+    """Return valid tracks from pictures that enter the phase.
 
-    ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz of the same particles.
+    ``bodies`` are exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz, which give the true particle of
+    each track and the arrivals.
     """
     arrival, last = phase.observe(bodies).arrival, followed_particles(pictured, bodies)
     truth = last["truth"].where(last["truth"].isin(arrival["particle"]), -1)

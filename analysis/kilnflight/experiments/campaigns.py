@@ -61,12 +61,13 @@ class LearnedSettings:
     Parameters
     ----------
     threshold
-        Of DoG, grey values: the best on all labelled frames together.
+        Threshold of DoG in grey values, with the best F1 on all labelled frames together.
     wall
-        The cylinder, fitted to the wall in the first of them.
+        Cylinder fitted to the wall's points in the first labelled frame.
     in_air_mm
-        Largest distance from its axis in the air: where the Gaussians of the marked particles
-        cross, and 40 mm more, as the thesis goes from 760 to 800 mm.
+        Largest distance from the wall's axis that counts as in the air, in mm. It is the crossing
+        of two Gaussians, of particles in the air and on the wall, plus 40 mm. The thesis goes from
+        760 to 800 mm likewise.
     """
 
     threshold: float
@@ -74,16 +75,19 @@ class LearnedSettings:
     in_air_mm: float
 
     def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return the detections in the air, and those without depth.
+        """Return the detections in the air or without depth, to be tracked (4.1.3).
 
-        Sections 4.1.3 and 5.1.4 of the thesis.
+        ``detections`` are `kilnflight.tables.DETECTIONS`; those on the wall are left out (5.1.4).
         """
         on_wall = InAir(self.in_air_mm).on_wall(detections[["x", "y", "z"]], self.wall)
         return detections[~on_wall].reset_index(drop=True)
 
 
 def settings_from_labels(scale: str, seed: int = 0) -> LearnedSettings:
-    """Return threshold, wall and limit from the labelled frames of the five subsets."""
+    """Return threshold, wall and limit found on labelled frames, cached.
+
+    The frames are those of ``scale``. The values come from the cached row of `_settings`.
+    """
     make, depends_on = partial(_settings, scale, seed), {"scale": scale, "seed": seed}
     values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
@@ -91,7 +95,11 @@ def settings_from_labels(scale: str, seed: int = 0) -> LearnedSettings:
 
 
 def _settings(scale: str, seed: int) -> pd.DataFrame:
-    """Return threshold, radius, limit, centre and direction of the cylinder in one row."""
+    """Return threshold, radius, limit, centre and axis, one row of nine columns.
+
+    The threshold is in grey values, lengths are in mm; centre and direction of the cylinder's axis
+    take three columns each. `settings_from_labels` reads the row by position.
+    """
     subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
@@ -128,16 +136,17 @@ class Campaign(NamedTuple):
 def campaigns(
     scale: str, settings: LearnedSettings, seed: int = 0, scenario: str = "base"
 ) -> list[Campaign]:
-    """Return the campaigns of a scale; nothing is made yet.
+    """Return the campaigns of a scale, without computing their tables.
 
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (200 frames of four) or "full".
+        "quick" (two campaigns, 24 frames each), "standard" (four, 200 frames each) or "full"
+        (eight, all frames).
     settings
-        Threshold, wall and limit.
+        Threshold, wall and limit from the labelled frames.
     seed
-        Of the scenes.
+        Seed of the scenes.
     scenario
         One of `kilnflight.twin.scenes.SCENARIOS`.
     """
@@ -150,6 +159,7 @@ def campaigns(
 
 
 def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> KilnRun:
+    """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
@@ -170,9 +180,9 @@ class Measurement(NamedTuple):
 
 
 def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
-    """Return the tables of the campaigns; missing ones are made.
+    """Return the tables of all campaigns; missing ones are computed and cached.
 
-    ``particle`` is unique within a campaign only.
+    ``particle`` numbers the tracks of each campaign anew, so it is unique within one only.
     """
     kiln.make_tables([campaign.run for campaign in campaigns], workers)
     steps = Measurement._fields
@@ -182,12 +192,12 @@ def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = N
 
 
 def stack(tables: Mapping[CampaignKey, pd.DataFrame]) -> pd.DataFrame:
-    """Return tables of campaigns below each other, fraction and pressure in front."""
+    """Return one table of all campaigns, fraction and pressure as first columns."""
     return pd.concat(tables, names=KEYS).reset_index(KEYS).reset_index(drop=True)
 
 
 def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFrame:
-    """Return a table of one row per campaign, fraction and pressure in front."""
+    """Return a table of one row per campaign, fraction and pressure first."""
     index = pd.MultiIndex.from_tuples(rows, names=KEYS)
     return pd.DataFrame(list(rows.values()), index).reset_index()
 
@@ -203,7 +213,10 @@ def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
 
 
 def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
-    """Return the rows of a table that belong to the `counted_flights`."""
+    """Return the rows of one table that belong to the `counted_flights`.
+
+    ``step`` names the table: a field of `Measurement` with the column ``particle``.
+    """
     counted = counted_flights(tables.flights)[[*KEYS, "particle"]]
     table: pd.DataFrame = getattr(tables, step)
     return table.merge(counted, on=[*KEYS, "particle"])
@@ -219,10 +232,10 @@ class Results(NamedTuple):
 
 
 def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
-    """Return the results of all campaigns of a scale; missing tables are made.
+    """Return the results of all campaigns of a scale, for the notebooks 50 to 56.
 
-    The true positions in their frames are cached, too. True values are of all `whole_flights`,
-    detected or not.
+    Missing tables are computed in ``jobs`` processes and cached, and true positions likewise.
+    Measured values are of the `counted_flights`, true ones of all `whole_flights`, detected or not.
     """
     recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
     tables = measure_campaigns(recorded, Workers(jobs))
@@ -244,7 +257,11 @@ def twin_of(campaign: Campaign) -> Twin:
 
 
 def true_positions(campaign: Campaign) -> pd.DataFrame:
-    """Return the true positions of visible particles in the air, cached."""
+    """Return true positions of visible particles in the air, one row each.
+
+    The columns are those of `kilnflight.twin.truth.sightings`. Particles with fewer than five
+    positions are left out. The table is cached.
+    """
     return truth.true_trajectories(twin_of(campaign), campaign.frames)
 
 
@@ -259,7 +276,7 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
 def values_by_campaign(
     tables: Measurement, keys: Iterable[CampaignKey]
 ) -> dict[CampaignKey, FlightValues]:
-    """Return the `flight_values` of campaigns."""
+    """Return the `flight_values` of each campaign, from the tables of all campaigns."""
     parts = {key: [of_campaign(table, key) for table in tables[1:]] for key in keys}
     return {key: flight_values(*each) for key, each in parts.items()}
 
@@ -267,10 +284,20 @@ def values_by_campaign(
 def flight_values(
     trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
 ) -> FlightValues:
-    """Return dwell times, velocities by metre, ignition and reach of the `counted_flights`.
+    """Return times, velocities and reach of one campaign's `counted_flights`.
 
     Only complete flights, landed or burnt out, have a dwell time (section 5.3.1, appendix A.1).
     Lost ones are censored when last detected. Slices behind the lance are left out.
+
+    Parameters
+    ----------
+    trajectories, flights, slices
+        `kilnflight.tables.TRAJECTORIES`, `FLIGHTS` and `SLICES` of the campaign.
+
+    Returns
+    -------
+    FlightValues
+        Times in s from the lance, velocities (n, 5) in m/s, distances in depth from it in m.
     """
     counted = counted_flights(flights)
     wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
@@ -287,13 +314,13 @@ def flight_values(
 
 
 def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
-    """Return the outcomes of campaigns, one row per fraction and pressure.
+    """Return the quantities of section 5.3, one row per campaign.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``particles``, and the names of
-        `kilnflight.scores.flights.outcomes`.
+        ``fraction``, ``pressure_bar``, number of ``particles``, and the entries of
+        `kilnflight.scores.flights.outcomes`, whose names carry the unit.
     """
     table = rows_by_campaign({key: outcomes(each).to_dict() for key, each in values.items()})
     table.insert(2, "particles", [len(each.ignition_s) for each in values.values()])
@@ -303,7 +330,11 @@ def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
 def fits_from_lance(
     tables: Measurement, key: CampaignKey, most: int
 ) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
-    """Return a campaign's first trajectories from the lance, and their detections."""
+    """Return the first ``most`` accepted trajectories, and their detections.
+
+    The first are those of the lowest track numbers of the campaign ``key`` that start at the lance.
+    The dictionary is by track; the detections are rows of ``tables.tracks``.
+    """
     trajectories, tracks = (
         of_campaign(from_lance(tables, step), key) for step in ("trajectories", "tracks")
     )
@@ -312,10 +343,16 @@ def fits_from_lance(
 
 
 def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
-    """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
+    """Return how well polynomials of orders 2 to 7 fit, by axis (Fig. 4.23).
 
-    Over the first ``most`` trajectories from the lance of each campaign, without those too short
-    for the highest order.
+    The first ``most`` trajectories from the lance of each campaign are fitted with one order along
+    all axes. Trajectories too short for order 7 are left out, so all orders have the same ones.
+
+    Returns
+    -------
+    DataFrame
+        ``order``, ``axis`` (x, y, z), medians of ``rmse_mm``, ``mape_percent``, ``r2`` and
+        ``r2_adjusted``.
     """
     orders, columns, rows = range(2, 8), list(regression.AXIS_MEASURES), []
     for campaign in results.campaigns:

@@ -67,26 +67,29 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
 }
-# Clusterers, the tables that list their settings, and how one is made of a row.
+# Families of clusterers: the thesis's table that lists their settings, and a clusterer by its row.
 TABLES = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
 MAKERS: dict[str, Callable[[Any], Clusterer]] = {
     "dbscan": lambda row: DBSCAN(row.epsilon_mm, row.minPts),
     "mo": lambda row: MorphologicalClustering(row.R),
     "qcc": lambda row: QuasiClusterCenters(row.K, row.alpha),
 }
-Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more) row, col
+Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
 
 
 class Subset(NamedTuple):
-    """A recording and the particles that a person would mark in some of its frames."""
+    """A recording, and the marked particles in its labelled frames (section 5.1.1).
+
+    Marked are the particles that a person would see; the simulation knows them.
+    """
 
     name: str
     recording: Recording
     frames: tuple[int, ...]
     particles: pd.DataFrame  # frame, particle, row, col, label; inside the region of interest
-    instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle, -1
+    instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle; -1: none
     background: BackgroundModel
-    cache: dict[int, View]  # views of its background, 30 MB each; one needs 150 other frames
+    cache: dict[int, View]  # by frame, with this background; 30 MB each, from up to 150 frames
 
 
 def labelled_subsets(
@@ -119,7 +122,10 @@ def labelled_subsets(
 def subset_views(
     subset: Subset, background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Return number and view of each labelled frame; views of another background are not cached."""
+    """Return number and view of each labelled frame of a subset.
+
+    Views with the subset's own background are cached in it, those with another are not.
+    """
     if background not in (None, subset.background):
         return kiln.views(subset.recording, subset.frames, background)
     if any(t not in subset.cache for t in subset.frames):
@@ -132,17 +138,25 @@ def run(
     methods: Mapping[Any, Method],
     background: BackgroundModel | None = None,
 ) -> pd.DataFrame:
-    """Return the counts of each method in each frame, with progress.
+    """Return the counts of each detection method in each labelled frame.
 
-    ``methods`` are by name; ``background`` is that of the subset if None.
+    Parameters
+    ----------
+    subsets
+        Recordings with marked particles.
+    methods
+        By name; each returns the positions of detections in a view.
+    background
+        Background model of the views; None: that of each subset.
 
     Returns
     -------
     DataFrame
         One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``, ``fn``
-        with a scoring distance of 45 px (section 3.3), ``tp_near`` ... with a diameter of 45 px,
-        ``tp_pixels`` ... within the pixels of a particle (5.1.1); ``tp_2``, ``fn_2`` ... by
-        class; ``seconds`` of compiled code: every method is called once before.
+        with a scoring distance of 45 px (section 3.3); ``tp_near`` ... within 22.5 px, which
+        reads the 45 px as a diameter; ``tp_pixels`` ... within the pixels of a particle (5.1.1);
+        ``tp_2``, ``fn_2`` ... with 45 px by class of Table 5.1 (2, 3, 4); ``seconds`` of one
+        call, without compilation.
     """
     rows: list[dict[str, Any]] = []
     for subset in subsets:
@@ -160,6 +174,10 @@ def run(
 def _frame_rows(
     subset: Subset, t: int, view: View, methods: Mapping[Any, Method]
 ) -> list[dict[str, Any]]:
+    """Return a row of `run` for each method in frame ``t``.
+
+    Only the method itself is timed. The truth is the marked particles of the frame.
+    """
     particles = subset.particles[subset.particles["frame"] == t]
     place, label = particles[["row", "col"]].to_numpy(), particles["label"].to_numpy()
     image, roi = subset.instances(t), subset.recording.attributes.roi  # most pixels: no particle
@@ -187,12 +205,16 @@ def _frame_rows(
 
 
 def from_foreground(detector: Detector2D) -> Method:
-    """Return a 2D detector as a method."""
+    """Return a 2D detector of a view's foreground as a method."""
     return lambda view: detector(view.foreground)
 
 
 def from_thresholds(thresholds: Iterable[float]) -> dict[float, Method]:
-    """Return DoG with each threshold in grey values as a method, from one call per view."""
+    """Return DoG as a method by threshold in grey values, with one call for all.
+
+    DoG runs with the smallest threshold and grades its keypoints. For a larger threshold, those
+    of a lower grade are dropped. The methods share that call, so their times mean nothing.
+    """
     ascending = sorted(thresholds)
     lowest = DoG(float(ascending[0]))
     graded = remembered(lambda view: lowest.graded(view.foreground))
@@ -205,15 +227,22 @@ def from_thresholds(thresholds: Iterable[float]) -> dict[float, Method]:
 
 
 def from_cloud(clusterer: Callable[[npt.NDArray[np.float64]], Any]) -> Method:
-    """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
+    """Return a clusterer as a method: the mean pixel of each cluster (3.1)."""
     return lambda view: centers(sort_clusters(view.pixels, view.xyz, clusterer(view.xyz)))
 
 
 def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Method]:
-    """Return the eleven methods of Table 5.11 under their printed names.
+    """Return the eleven detection methods of Table 5.11 by their printed names.
 
-    ``threshold`` is of DoG in grey values; the combined detector detects in ``roi`` (row, col).
-    Two combinations with one clusterer share its passes: their time is not that of either alone.
+    Two combinations with the same clusterer share its clusters, so ``seconds`` of `run` include
+    the clustering for the first one only.
+
+    Parameters
+    ----------
+    threshold
+        Threshold of DoG in grey values.
+    roi
+        Region of interest of the combinations: corners (row, col); None: the whole frame.
     """
 
     def combined(
@@ -235,11 +264,16 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
 
 
 def _passed(passes: tuple[Clusterer, Clusterer], view: View) -> npt.NDArray[np.intp]:
+    """Return the cluster (n,) of each point after both passes; -1: none, or the wall."""
     return second_pass(view.xyz, *passes)
 
 
 def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return a function that keeps its value for the last view or cloud, for several methods."""
+    """Return a function that keeps the result for its last argument.
+
+    The argument is compared by identity. Methods that are called in turn on one view or cloud share
+    its result, such as clusters or neighbours.
+    """
     last: list[Any] = [None, None]
 
     def value(of: Any) -> Any:
@@ -251,7 +285,10 @@ def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
-    """Return the calibrated points on the wall: DBSCAN's largest cluster, first pass."""
+    """Return the points (n, 3) on the wall in mm, to fit the cylinder (Table 5.12).
+
+    These are the largest cluster of DBSCAN's first pass in one frame, after depth calibration.
+    """
     points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
@@ -260,10 +297,16 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
 def compare_thresholds(
     subsets: list[Subset], scale: str, background: BackgroundModel | None = None
 ) -> pd.DataFrame:
-    """Return `run` of DoG with every threshold tried; ``threshold`` replaces ``method``.
+    """Return the counts of DoG by threshold, on two or more subsets.
 
-    ``chosen`` marks the threshold that is best on the other subsets (section 5.1.3), the smallest
-    of equal ones. ``seconds`` are NaN: one call serves all thresholds.
+    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7).
+
+    Returns
+    -------
+    DataFrame
+        The table of `run` with ``threshold`` (grey values) in place of ``method``. ``chosen``
+        marks a subset's threshold with the best F1 on the *other* subsets (section 5.1.3); ties
+        go to the smallest. ``seconds`` are NaN, since one call serves all thresholds.
     """
     methods = from_thresholds(tried_thresholds(scale))
     table = run(subsets, methods, background).rename(columns={"method": "threshold"})
@@ -275,20 +318,34 @@ def compare_thresholds(
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:
-    """Return the DoG thresholds that a scale tries: all, or every fourth in a smoke run."""
+    """Return the DoG thresholds (grey values) that a scale tries.
+
+    All, or every fourth for "quick".
+    """
     return THRESHOLDS[:: 4 if scale == "quick" else 1]
 
 
 def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
-    """Return each subset's chosen threshold, from a table of `compare_thresholds`."""
+    """Return the chosen threshold (grey values) by subset, from `compare_thresholds`."""
     return table[table["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 
 
 def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Return counts and rates of a table of `run`, summed over frames; columns ``by`` stay apart.
+    """Return the counts of `run` summed over frames, with precision, recall and F1.
 
-    ``f1_in_pixels`` scores within the pixels of a particle. ``seconds_per_image`` is a median,
-    which one delayed frame does not move.
+    Parameters
+    ----------
+    table
+        From `run`.
+    by
+        Columns that stay apart, such as ``subset`` and ``method``.
+
+    Returns
+    -------
+    DataFrame
+        ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1`` with 45 px;
+        ``seconds_per_image``, a median that one delayed frame does not move; ``f1_in_pixels``,
+        scored within the pixels of a particle.
     """
     groups = table.groupby(by, sort=False)
     counts = groups[list(COUNTS)].sum().reset_index()
@@ -301,9 +358,10 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def time_thresholds(subsets: list[Subset], scale: str) -> pd.DataFrame:
-    """Return `run` of DoG with one threshold at a time, on every fifth frame.
+    """Return `run` of DoG, called for each threshold alone, for its ``seconds``.
 
-    ``threshold`` replaces ``method``: those of `tried_thresholds` and of Table 5.7.
+    Table 5.7 prints this time. Only every fifth labelled frame is used. ``threshold`` (grey values)
+    replaces ``method``: the `tried_thresholds` and those of Table 5.7.
     """
     thresholds = {*tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
     methods = {threshold: from_foreground(DoG(float(threshold))) for threshold in thresholds}
@@ -312,10 +370,11 @@ def time_thresholds(subsets: list[Subset], scale: str) -> pd.DataFrame:
 
 
 def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
-    """Return `run` of all settings of Tables 5.8 to 5.10, with ``family`` and ``row``.
+    """Return `run` of DBSCAN, MO and QCC with all settings of Tables 5.8 to 5.10.
 
-    Neighbours are searched once for all settings of QCC. The time of that search, for the largest
-    ``k`` of them, is part of each setting's ``seconds``.
+    ``family`` is a key of `TABLES`, ``row`` the row of that table. Neighbours are searched once per
+    cloud for all settings of QCC, with the largest K. The ``seconds`` of each setting include that
+    search.
     """
     most = int(claims.published(TABLES["qcc"])["K"].max())
     search = remembered(lambda cloud: nearest_neighbors(cloud, most))
@@ -339,18 +398,29 @@ def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
 def positions(
     subsets: Iterable[Subset], detectors: Mapping[str, Combination], wall: Cylinder
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the positions of labelled particles and of detections (Fig. 3.11).
+    """Return marked particles and detections with their distance from the axis.
 
-    ``detectors`` has one for each subset, by its name.
+    Fig. 3.11 shows these distances. The threshold between air and wall follows from them, and
+    Tables 5.13 and 5.14 test it.
+
+    Parameters
+    ----------
+    subsets
+        Recordings with marked particles in their labelled frames.
+    detectors
+        Combined detector by name of the subset.
+    wall
+        Cylinder that gives the axis.
 
     Returns
     -------
     marked : DataFrame
-        ``subset``, ``frame``, ``row``, ``col``, ``label``, ``distance_mm`` from the wall's axis
-        and ``x``, ``y``, ``z`` in mm: the mean of the points in the particle's pixels; NaN
-        without a point, so no 3D (5.1.1).
+        A row per marked particle and frame: ``subset``, ``frame``, ``particle``, ``row``, ``col``,
+        ``label`` (class of Table 5.1; 4: on the wall); ``x``, ``y``, ``z`` in mm, the mean of the
+        points in its pixels; ``distance_mm`` from the axis. The last four are NaN without a point
+        ("no 3D", section 5.1.1).
     detected : DataFrame
-        ``subset``, ``distance_mm`` and `kilnflight.tables.DETECTIONS`.
+        `kilnflight.tables.DETECTIONS` with ``subset`` and ``distance_mm`` (NaN without depth).
     """
     marked, detected = [], []
     for subset in subsets:

@@ -29,13 +29,20 @@ RATES = ["precision", "recall", "f1"]
 
 
 def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Return `sum_counts` by subset, and below them those of all subsets, "Total"."""
+    """Return `sum_counts` of each subset, and below them of all subsets ("Total").
+
+    ``by`` contains ``subset``. The total does not keep ``threshold`` apart, since each subset has
+    its own.
+    """
     total = sum_counts(table.assign(subset="Total"), [name for name in by if name != "threshold"])
     return pd.concat([sum_counts(table, by), total], ignore_index=True)
 
 
 def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return rates beside those of a table of the thesis, by ``subset`` or ``method``."""
+    """Return a table of rates with the published ones as columns ``..._published``.
+
+    ``name`` is a published table such as "table_5.11"; rows match by ``subset`` or ``method``.
+    """
     printed = claims.published(name).rename(columns={"test_set": "subset"})
     keys = [key for key in ("subset", "method") if key in printed]
     printed = printed[[*keys, *RATES]].rename(columns={rate: f"{rate}_published" for rate in RATES})
@@ -43,7 +50,17 @@ def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``, ``kind``."""
+    """Return the recall of each class of particles (as in Figs 5.5 and 5.6).
+
+    Counts of ``table`` (from `kilnflight.experiments.detection.run`) are summed over frames;
+    columns ``by`` stay apart.
+
+    Returns
+    -------
+    DataFrame
+        ``by``, ``label`` (2, 3, 4 of Table 5.1), ``tp``, ``fn``, ``recall`` (NaN without particles)
+        and ``kind``, the class in words.
+    """
     groups, parts = table.groupby(by, sort=False), []
     for label, kind in truth.CLASSES.items():
         counts = groups[[f"tp_{label}", f"fn_{label}"]].sum().set_axis(["tp", "fn"], axis=1)
@@ -54,9 +71,20 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Return `with_total` of a family's settings, with the published rates in the total.
+    """Return the rates of a clusterer's settings, as Table 5.8, 5.9 or 5.10 has them.
 
-    ``attempts`` is of `detection.compare_clusterers`, ``family`` one of `detection.TABLES`.
+    Parameters
+    ----------
+    attempts
+        From `detection.compare_clusterers`.
+    family
+        "dbscan", "mo" or "qcc".
+
+    Returns
+    -------
+    DataFrame
+        The settings (`PARAMETERS`), the columns of `with_total`, and ``..._published`` rates in
+        the rows "Total".
     """
     table = with_total(attempts[attempts["family"] == family], ["row", "subset"])
     settings = claims.published(TABLES[family]).loc[table.pop("row")].reset_index(drop=True)
@@ -70,24 +98,28 @@ def classification_table(
     thresholds: Mapping[str, float],
     roi: Polygon | None,
 ) -> pd.DataFrame:
-    """Return the rates of spots classified as in the air (Tables 5.13 and 5.14).
+    """Return the rates of telling air from wall (Tables 5.13 and 5.14).
+
+    A spot is in the air if its distance from the wall's axis is at most a threshold.
 
     Parameters
     ----------
     marked
-        Of `detection.positions`; particles without a distance from the axis are left out.
+        Marked particles from `detection.positions`; those without ``distance_mm`` do not count.
     spots
-        Detections of `detection.positions`; for Table 5.13 the marked particles themselves.
+        Detections from `detection.positions` (Table 5.14), or the marked particles themselves
+        (Table 5.13).
     thresholds
-        By name: largest distance in mm of a spot in the air.
+        Largest distance from the axis that counts as in the air, in mm, by name.
     roi
-        As of `score_detections`.
+        Region of interest: corners (row, col); points outside do not count.
 
     Returns
     -------
     DataFrame
-        ``threshold``, ``threshold_mm``, ``subset`` (and "Total"), ``tp``, ``fp``, ``fn``,
-        ``precision``, ``recall``, ``f1``.
+        A row per threshold and subset (and "Total"): ``threshold`` (name), ``threshold_mm``,
+        ``subset``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1``. A true positive is
+        a particle in the air whose spot is classified so.
     """
     frames, rows = [], []
     for (subset, frame), particles in marked.groupby(["subset", "frame"], sort=False):
@@ -108,15 +140,30 @@ def classification_table(
 def cylinder_table(
     walls: Mapping[str, npt.NDArray[np.float64]], seed: int, geometry: Geometry
 ) -> tuple[Cylinder, pd.DataFrame]:
-    """Fit a cylinder to each subset's wall points (n, 3) in mm.
+    """Fit a cylinder to each subset's wall points (Table 5.12).
+
+    Parameters
+    ----------
+    walls
+        Points on the wall (n, 3) in mm by subset, from `detection.wall_points`.
+    seed
+        Seed of the fit.
+    geometry
+        True axis and radius of the kiln.
 
     Returns
     -------
     first : Cylinder
-        Of the first subset.
+        The fit of the first subset.
     table : DataFrame
-        The cylinders beside the true one and Table 5.12. Cells are empty where most points of the
-        largest cluster lie on no cylinder.
+        ``subset``, ``radius_mm``, ``radius_true_mm``, ``radius_published_mm``,
+        ``direction_off_deg`` from the true axis, ``inliers`` (number of points), ``rms_mm``. Fitted
+        values are NaN where most points lie on no cylinder.
+
+    Raises
+    ------
+    InputError
+        If the points of the first subset lie on no cylinder.
     """
     fits: dict[str, Cylinder] = {}
     for name, points in walls.items():
@@ -139,9 +186,9 @@ def cylinder_table(
 def resampled_rates(table: pd.DataFrame, seed: int, draws: int = DRAWS) -> dict[str, pd.DataFrame]:
     """Return precision, recall and F1 over draws of frames, (draws, methods) each.
 
-    Frames of ``table`` (of `detection.run`) are drawn with replacement within each subset, the
-    same for all methods, so that differences are paired. There are no draws if a subset has one
-    frame: drawn again it is always itself, which would look like certainty.
+    ``table`` is from `detection.run`. Frames are drawn with replacement within each subset, the
+    same for all methods, so differences between methods are paired. If a subset has one frame,
+    there are no draws: each would be the same, and the interval would have no width.
     """
     generator, sums = np.random.default_rng(seed), []
     if table.groupby("subset")["frame"].nunique().min() < 2:
@@ -162,8 +209,20 @@ def resampled_rates(table: pd.DataFrame, seed: int, draws: int = DRAWS) -> dict[
 def f1_with_intervals(table: pd.DataFrame, published: pd.Series, seed: int) -> pd.DataFrame:
     """Return each method's F1 with its 95 % interval over draws of frames.
 
-    By ``method``: ``f1``, ``f1_low``, ``f1_high`` (NaN with one frame per subset),
-    ``f1_in_pixels``, ``f1_published`` (NaN where ``published`` has none).
+    Parameters
+    ----------
+    table
+        From `detection.run`.
+    published
+        Published F1 by method.
+    seed
+        Seed of the draws.
+
+    Returns
+    -------
+    DataFrame
+        Index ``method``; ``f1``, ``f1_low``, ``f1_high`` (NaN with one frame per subset);
+        ``f1_in_pixels``, scored within a particle's pixels; ``f1_published`` (NaN if not printed).
     """
     total = sum_counts(table, ["method"]).set_index("method")
     draws = resampled_rates(table, seed)["f1"]

@@ -1,4 +1,7 @@
-"""Detection in a window of frames that also stores their foregrounds, for texture energies."""
+"""Detections and foregrounds of a window of frames, stored together.
+
+Post-processing needs sums of the foregrounds for the texture energies of tracklets (Eq. 4.24).
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,11 @@ from kilnflight.tables import DETECTIONS
 
 @dataclass(frozen=True)
 class StoredDifferences:
-    """Detections and foregrounds of some frames, sliced like an array (frames, rows, cols).
+    """Detections and foregrounds of some frames, sliced like an array.
 
-    Roots of the grey values are stored, rounded to one byte. For 10,000 the error is 100 at most,
-    less than the noise there.
+    A foreground is the absolute difference of a frame from its background, in grey values. Square
+    roots are stored, rounded to one byte. For 10,000 grey values the error is 100 at most, less
+    than the noise there. Call `make` before any foreground is read.
     """
 
     source: TwinSource
@@ -33,19 +37,19 @@ class StoredDifferences:
 
     @property
     def table(self) -> CachedTable:
-        """Detections, made together with the stored foregrounds."""
+        """Cached detections of the frames; making it writes the foregrounds as well."""
         names = ("source", "frames", "detector", "background")
         depends_on = {name: getattr(self, name) for name in names}
         return CachedTable("window", self._detect, depends_on)
 
     @property
     def path(self) -> Path:
-        """File of the roots (frames, rows, cols), one byte each; some 3 MB a frame."""
+        """File of square roots (frames, rows, cols), one byte each, 3 MB a frame."""
         return self.table.path.with_suffix(".roots")
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """End of the frames, rows and columns."""
+        """Number of the frame after the last one, rows and columns."""
         return self.frames.stop, *self.source.recording().attributes.size
 
     def make(self) -> None:
@@ -55,6 +59,7 @@ class StoredDifferences:
         self.table()
 
     def _detect(self) -> pd.DataFrame:
+        """Return the detections of all frames, and write the roots of the foregrounds."""
         recording, parts = self.source.recording(), [DETECTIONS.empty()]
 
         def write(path: Path) -> None:
@@ -70,12 +75,20 @@ class StoredDifferences:
     def __call__(
         self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
     ) -> Array:
-        """Return the sum over the frames first to last, inclusive, in a box (Eq. 4.24)."""
+        """Return the sum of the foregrounds in a box over some frames (Eq. 4.24).
+
+        The sum is (bottom - top, right - left) in grey values; the last frame is included, the last
+        row and column are not. Frames that are not stored add nothing.
+        """
         box = self[first_frame : last_frame + 1, top:bottom, left:right]
         return box.sum(axis=0, dtype=np.float64)
 
     def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
-        """Return the foregrounds in a box, of those frames that are stored."""
+        """Return the foregrounds (frames, rows, cols) in a box.
+
+        ``box`` slices frames, rows and columns. Frames need a start and a stop, numbered as in the
+        recording; those that are not stored are left out.
+        """
         start, stop = (max(t - self.frames.start, 0) for t in (box[0].start, box[0].stop))
         shape = len(self.frames), *self.shape[1:]
         roots = np.memmap(self.path, np.uint8, "r", shape=shape)[start:stop, box[1], box[2]]
