@@ -35,20 +35,20 @@ RATE_CONSEQUENCES = {
 
 
 class Check(NamedTuple):
-    """One printed number beside what it should be."""
+    """One printed number beside its recomputed value; a row of `recompute`."""
 
-    where: str
+    where: str  # table and row, or section
     quantity: str
     printed: str
-    recomputed: float | str
+    recomputed: float | str  # a text for sentences about words
     agrees: bool
-    consequence: str = ""
+    consequence: str = ""  # whether a conclusion of the thesis depends on it, if it disagrees
 
 
 def agrees(printed: str, recomputed: float) -> bool:
-    """Say whether a printed number is the recomputed one, rounded as printed.
+    """Return whether a printed number equals the recomputed one, rounded as printed.
 
-    ``"<8"`` and ``">0"`` are bounds. A tie may be rounded either way.
+    ``"<8"`` and ``">0"`` are bounds, a final % is ignored. A tie may be rounded either way.
 
     Examples
     --------
@@ -67,21 +67,22 @@ def agrees(printed: str, recomputed: float) -> bool:
 def _check(
     where: str, quantity: str, printed: str, recomputed: float, consequence: str = ""
 ) -> Check:
+    """Return the check of a printed number against its recomputed value."""
     return Check(where, quantity, printed, recomputed, agrees(printed, recomputed), consequence)
 
 
 def _row_name(row: pd.Series) -> str:
-    """Return what tells a row from the others: texts, names and values of numbers."""
+    """Return the unique name of a table's row, such as "K=30, alpha=0.1" or "V1"."""
     texts = row[row.index.isin(["subset", "test_set", "method"])].tolist()
     numbers = row[row.index.isin(["minPts", "epsilon_mm", "R", "K", "alpha"])]
     return ", ".join([*texts, *(f"{name}={value}" for name, value in numbers.items())])
 
 
 def printed_rates(table: str) -> pd.DataFrame:
-    """Load a table with TP, FP, FN, every cell as printed, by `_row_name`, its shifted row right.
+    """Load one of `RATE_TABLES` as printed strings, indexed by `_row_name`.
 
-    The last row of Table 5.6 stands one column to the left: its 3687, 354, 700 are TP,
-    FP, FN, and the 271 under FN repeats the value of V5.
+    One row is corrected. The last row of Table 5.6 is printed one column too far left: its 3687,
+    354, 700 are TP, FP, FN, and the 271 under FN repeats the value of V5.
     """
     printed = claims.published(f"table_{table}", as_printed=True)
     if table == "5.6":
@@ -91,7 +92,10 @@ def printed_rates(table: str) -> pd.DataFrame:
 
 
 def recomputed_rates(table: str) -> pd.DataFrame:
-    """Return precision, recall and F1 from printed counts, by `_row_name`."""
+    """Return precision, recall and F1 of one of `RATE_TABLES` from its counts.
+
+    One row per printed row, indexed by `_row_name`.
+    """
     counts = printed_rates(table)[COUNTS].astype(float)
     return rates(*counts.to_numpy().T).set_axis(counts.index)
 
@@ -128,13 +132,14 @@ def check_sums() -> Iterator[Check]:
 
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
-    """Check the rows burning, unlit, on the wall, in air and all of these.
+    """Check the sums in Table 5.2 or 5.3 (``where``), over classes and over subsets.
 
-    In air: burning or unlit.
+    The rows of ``table`` must be: burning in air, non-burning in air, burning on the wall, in air
+    (the first two), amount (the first three). Cells are printed strings.
     """
     counts = table[[*SUBSETS, "amount"]].astype(float)
     for column in counts.columns:
-        for row in (3, 4):  # the sum of the rows before, but for the wall's in air
+        for row in (3, 4):  # in air is the sum of rows 0 and 1, amount that of rows 0 to 2
             place, total = f"{where}, {table.index[row]}", counts[column].iloc[: row - 1].sum()
             yield _check(place, column, table[column].iloc[row], total)
     for name, *printed in table[["amount", *SUBSETS]].itertuples(name=None):
@@ -142,9 +147,10 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
-    """Check the shares of particles with depth, or in the region of interest.
+    """Check the percentages in Tables 5.2 (depth) and 5.3 (region of interest).
 
-    Shares of all particles.
+    Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2, ``inside`` Table
+    5.3, with the same classes in the same order; cells are printed strings.
     """
     share = "percentage_with_3d_info"
     for (name, row), (_, kept) in zip(everything.iterrows(), inside.iterrows(), strict=True):
@@ -159,9 +165,10 @@ def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Ch
 
 
 def check_totals() -> Iterator[Check]:
-    """Check that every detector is counted against the particles of Table 5.3.
+    """Check that TP + FN of every detector is the particles of Table 5.3.
 
-    Table 5.14 must have those of Table 5.13, which are not of the region of interest alone.
+    Table 5.13 is not restricted to the region of interest, so its own TP + FN is the reference
+    for Table 5.14. Table 5.13 must therefore precede Table 5.14 in `RATE_TABLES`.
     """
     inside = claims.published("table_5.3").set_index("class").T["Total"]
     quantity = "TP + FN"
@@ -176,10 +183,7 @@ def check_totals() -> Iterator[Check]:
 
 
 def check_durations() -> Iterator[Check]:
-    """Check the durations of App. A.1 against frames and frame rate.
-
-    330 per s; PE 153.85 per s.
-    """
+    """Check the durations (s) of App. A.1 against frames and `FRAME_RATES`."""
     flight = claims.published("flight")
     for _, row in flight[flight["quantity"] == "sequence_length"].iterrows():
         printed = re.search(r"\(([\d.]+) s\)", str(row["value_as_printed"]))
@@ -190,7 +194,10 @@ def check_durations() -> Iterator[Check]:
 
 
 def recomputed_statements() -> dict[str, float]:
-    """Return what the tables say about each sentence of statements.csv, by its id."""
+    """Return the value of the tables for each sentence of statements.csv, by id.
+
+    Units are those of the sentence: F1, points of F1, seconds, mm, m or percent.
+    """
     exact = {table: recomputed_rates(table) for table in RATE_TABLES}
     f1 = {table: part["f1"] for table, part in exact.items()}
     best = {table: f1[table].max() for table in ("5.8", "5.9", "5.10")}
@@ -241,11 +248,11 @@ def recomputed_statements() -> dict[str, float]:
 
 
 def lance_bores_apart() -> float:
-    """Return the gap in mm between the bores of the lance that section 2.1.1 prints, 0 if none.
+    """Return the gap in mm between two bores of the lance, 0 if they overlap.
 
-    Air flow and outlet velocity are printed at 0.5 and at 5 bar, the velocities to 1 m/s; so each
-    pair gives a range of bores. The flow is taken at the pressure of the feed, which the text does
-    not say, and expands to ambient pressure.
+    Air flow and outlet velocity are printed at 0.5 and at 5 bar. Each pair gives the bore; as the
+    velocity is rounded to 1 m/s, it gives a range. The flow is taken at the pressure of the feed,
+    which the text does not say, and expands to ambient pressure.
     """
     bar, flow_m3_h, velocity_m_s = np.array([[0.5, 5.0], [70.5, 76.6], [4.0, 16.0]])
     outlet_m3_s = flow_m3_h * (bar / AMBIENT_BAR + 1) / 3600
@@ -255,7 +262,11 @@ def lance_bores_apart() -> float:
 
 
 def check_statements() -> Iterator[Check]:
-    """Check the sentences of statements.csv; those about words carry their correction."""
+    """Check the sentences of statements.csv against `recomputed_statements`.
+
+    Sentences about words have no recomputed number. They carry their correction instead, and count
+    as wrong.
+    """
     table = pd.read_csv(paths.reference() / "statements.csv", dtype=str, keep_default_na=False)
     values = recomputed_statements()
     for _, row in table.iterrows():

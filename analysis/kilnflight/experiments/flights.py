@@ -46,7 +46,7 @@ FIT_MEASURES |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
 
 
 def interval_columns(interval: Interval) -> dict[str, float]:
-    """Return number, estimate, low and high; infinite ends become NaN."""
+    """Return number, estimate, low, high as table cells; NaN for infinite ends."""
     number = sum(interval.numbers)
     known = number > 0 and np.isfinite([interval.low, interval.high])
     low, high = np.where(known, [interval.low, interval.high], np.nan).tolist()
@@ -54,18 +54,22 @@ def interval_columns(interval: Interval) -> dict[str, float]:
 
 
 def finite(values: npt.ArrayLike) -> Array:
-    """Return the values that are finite."""
+    """Return the finite values of an array as a flat one, (k,)."""
     array = np.asarray(values, dtype=np.float64)
     return array[np.isfinite(array)]
 
 
 def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
-    """Return the median of the finite values with its 95 % interval."""
+    """Return the median of the finite values with its 95 % bootstrap interval."""
     return intervals.median_interval(finite(values), generator)
 
 
 def box(times: Array) -> dict[str, float]:
-    """Return quartiles, whiskers within 1.5 boxes, and the number of outliers."""
+    """Return a box plot of times (n,) in s, without NaN: quartiles and whiskers.
+
+    Whiskers reach to the last value within 1.5 interquartile ranges of the box, ``outliers`` counts
+    the values beyond. All are NaN without values, and ``outliers`` is 0.
+    """
     q25, median, q75 = quartiles(times)
     reach = 1.5 * (q75 - q25)
     inside = times[(times >= q25 - reach) & (times <= q75 + reach)]
@@ -80,7 +84,11 @@ def box(times: Array) -> dict[str, float]:
 
 
 def samples(flight_values: FlightValues) -> dict[str, Array]:
-    """Return the finite values behind each median, by name of the outcome."""
+    """Return the finite values (k,) behind each outcome that is a median, by name.
+
+    The names are those of `kilnflight.scores.flights.outcomes`. "velocity last" is empty if no
+    metre is passed by a share `LAST_SHARE` of the particles.
+    """
     velocity = flight_values.velocity_m_s
     metres = zip(METRES, velocity.T, strict=True)
     last = np.flatnonzero(remaining(flight_values)[0] >= 100.0 * LAST_SHARE)[-1:]
@@ -92,7 +100,14 @@ def samples(flight_values: FlightValues) -> dict[str, Array]:
 
 
 def median_table(measured: Values, true: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return each campaign's medians beside the true ones.
+    """Return each campaign's measured medians beside the true ones.
+
+    Parameters
+    ----------
+    measured, true
+        Values by campaign; ``true`` has at least the campaigns of ``measured``.
+    generator
+        Of the bootstrap; its state stays as it was.
 
     Returns
     -------
@@ -118,9 +133,22 @@ def median_table(measured: Values, true: Values, generator: np.random.Generator)
 
 
 def interval_of(values: FlightValues, outcome: str, generator: np.random.Generator) -> Interval:
-    """Return a median, or a share in per cent, with its 95 % interval.
+    """Return one outcome of a campaign with its 95 % interval.
 
-    ``outcome`` is one of `kilnflight.scores.flights.outcomes`.
+    Parameters
+    ----------
+    values
+        Measured values of the campaign.
+    outcome
+        One of `kilnflight.scores.flights.outcomes`, whose name ends with its unit.
+    generator
+        Of the bootstrap; its state stays as it was.
+
+    Returns
+    -------
+    Interval
+        Of medians by bootstrap, of shares in per cent by Wilson. It is infinite for all other
+        outcomes, such as quartiles.
     """
     if outcome in samples(values):
         return median_of(samples(values)[outcome], generator)
@@ -138,10 +166,14 @@ def interval_of(values: FlightValues, outcome: str, generator: np.random.Generat
 
 
 def printed_numbers() -> pd.DataFrame:
-    """Return the printed numbers on flight and ignition, one row per fraction and pressure.
+    """Return the numbers that the thesis prints on flight and ignition (section 5.3).
 
-    ``low`` and ``high`` are the bounds, NaN where open. "Most within 0.3 to 0.4 s" is a share of
-    at least 50 %.
+    Returns
+    -------
+    DataFrame
+        One row per fraction, pressure and number: ``fraction``, ``pressure_bar``, ``outcome`` (name
+        with unit), ``printed`` (text); ``low`` and ``high``, equal for a single number, NaN where a
+        bound is open. "Most within 0.3 to 0.4 s" is a share of 50 to 100 %.
     """
     table = claims.published("flight").rename(columns={"value_as_printed": "printed"})
     table = table.dropna(subset="outcome").dropna(subset=["value_low", "value_high"], how="all")
@@ -154,13 +186,20 @@ def printed_numbers() -> pd.DataFrame:
 
 
 def beside_printed(values: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return `printed_numbers` beside ours, with intervals and whether they agree.
+    """Return `printed_numbers` beside measured ones, with 95 % intervals.
+
+    Parameters
+    ----------
+    values
+        Measured values by campaign; printed numbers of other campaigns are left out.
+    generator
+        Of the bootstrap; its state stays as it was.
 
     Returns
     -------
     DataFrame
-        Columns of `printed_numbers`; ``measured``, ``measured_low``, ``measured_high``; ``agrees``
-        (True, False or None).
+        Columns of `printed_numbers`; ``measured``, ``measured_low``, ``measured_high`` in the same
+        unit; ``agrees`` (True, False or None, see `agrees`).
     """
     table = printed_numbers()
     table = table[[key in values for key in table[KEYS].itertuples(index=False, name=None)]]
@@ -174,9 +213,21 @@ def beside_printed(values: Values, generator: np.random.Generator) -> pd.DataFra
 
 
 def agrees(low: float, high: float, text: str, ours: Interval) -> bool | None:
-    """Return whether our interval holds a printed number, or our number keeps printed bounds.
+    """Return whether a measured outcome agrees with the print; None if open.
 
-    None where chance decides, an interval is missing, or the text has no number (`VAGUE`).
+    It is undecided if the text has no number (`VAGUE`), the sample is too small for an interval,
+    or the measured number is outside the bounds but its interval is not. Without a measured number
+    the answer is False.
+
+    Parameters
+    ----------
+    low, high
+        Printed bounds; equal for a single number, NaN where open.
+    text
+        The printed text. After a word of `OPEN_ABOVE` the upper bound does not count.
+    ours
+        Measured number with its 95 % interval. The interval must hold a single printed number, as
+        rounded in print; the number itself must lie within printed bounds.
     """
     if text.startswith(VAGUE):
         return None
@@ -196,20 +247,32 @@ def agrees(low: float, high: float, text: str, ours: Interval) -> bool | None:
 def if_complete(
     flights: pd.DataFrame, answers: Mapping[str, bool | None]
 ) -> dict[str, bool | None]:
-    """Return answers by claim; all are open without `LEAST_FLIGHTS` in each of the campaigns."""
+    """Return the answers by claim, or None for all if there are too few flights.
+
+    All eight campaigns need `LEAST_FLIGHTS` accepted flights from the lance, so a reduced run
+    decides no claim. ``flights`` are `kilnflight.tables.FLIGHTS` of all campaigns.
+    """
     enough = int((counted_flights(flights).groupby(KEYS).size() >= LEAST_FLIGHTS).sum())
     whole = enough == len(FRACTIONS) * len(PRESSURES_BAR)
     return {claim: answer if whole else None for claim, answer in answers.items()}
 
 
 def regression_table(tables: Measurement, generator: np.random.Generator) -> pd.DataFrame:
-    """Return medians over the trajectories from the lance beside Table 5.18.
+    """Return measures of the fits beside Table 5.18, a row per fraction and axis.
+
+    Parameters
+    ----------
+    tables
+        Tables of all campaigns; both pressures count together.
+    generator
+        Of the bootstrap; its state stays as it was.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``axis``, ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``,
-        ``tracks``, the four published ones, and the 95 % interval of each (``_low``, ``_high``).
+        ``fraction``, ``axis`` (x, y, z); ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``:
+        medians over the accepted trajectories from the lance; ``tracks``, their number; each
+        measure with ``_published``, ``_low`` and ``_high`` (95 % interval).
     """
     fitted = from_lance(tables, "trajectories")
     printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])["value"]

@@ -27,22 +27,23 @@ STRETCH = 151  # frames with one median background: 75 before and 75 after (Tabl
 
 
 def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame:
-    """Return how often and how well ignition is detected, by campaign.
+    """Return hits and false alarms of the test of grey values, one row per campaign.
 
     Parameters
     ----------
     both
-        `kilnflight.experiments.accuracy.compare_campaigns`.
+        Measured beside true, from `kilnflight.experiments.accuracy.compare_campaigns`.
     keys
-        The campaigns.
+        Fraction and pressure of the campaigns.
 
     Returns
     -------
     DataFrame
-        Fraction, pressure; ``lit`` and ``unlit``: detected particles that truly ignite in flight
-        and that do not, and in how many ignition is detected; ``hit_percent`` and
-        ``false_alarm_percent`` with 95 % intervals (Wilson); number, median error and spread of
-        the ignition time in s.
+        ``fraction``, ``pressure_bar``, ``detected_particles``; of these ``lit`` and ``unlit``,
+        which truly ignite in flight or not, and ``lit_detected`` and ``unlit_detected``, which are
+        measured as ignited; ``hit_percent`` and ``false_alarm_percent`` with ``_low`` and
+        ``_high`` (95 %, Wilson); ``time_error_n``, ``time_error_median_s``,
+        ``time_error_spread_s`` of the ignition time, measured minus true.
     """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for key in keys:
@@ -60,17 +61,26 @@ def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame
 
 
 def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
-    """Return how many flights light up in the optical picture, by campaign.
+    """Return how many flights light up in the optical picture (Fig. 5.17).
 
-    Only what happens before a flight ends counts: the wall ignites all that land (5.1.1).
+    There is one row per campaign. Section 5.3.2 judges wood chips and PE granules by that picture.
+    Only detections before the end of a flight count: the wall ignites all that land (5.1.1).
+
+    Parameters
+    ----------
+    results
+        The campaigns and their tables.
+    both
+        Measured beside true, from `kilnflight.experiments.accuracy.compare_campaigns`.
 
     Returns
     -------
     DataFrame
-        Fraction, pressure, ``light_up``, ``light_at_first`` (light from the first detection on),
-        ``too_few`` points to judge; ``number``, ``estimate``, ``low``, ``high`` of the share that
-        lights up (Wilson); of those ``unlit`` and ``lit`` in truth, how many are light at first or
-        later (``unlit_light``, ``lit_light``).
+        ``fraction``, ``pressure_bar``; numbers of flights: ``light_up``, ``light_at_first`` (from
+        the first detection on), ``too_few`` (points to judge); ``number``, ``estimate``, ``low``,
+        ``high`` of the share that lights up (Wilson); ``unlit`` and ``lit``, judged flights whose
+        particle truly ignites or not; ``unlit_light`` and ``lit_light``, which of these are light
+        at first or later.
     """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
@@ -87,7 +97,18 @@ def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
 
 
 def count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series) -> dict[str, float]:
-    """Return the numbers of `trace_shares` of one campaign; ``ignites``: the truth, by track."""
+    """Return the numbers of `trace_shares` for one campaign.
+
+    Parameters
+    ----------
+    flights
+        Accepted flights from the lance.
+    tracks
+        Their detections: ``particle``, ``frame``, ``time_s``, ``gray``, and ``background``, the
+        grey value of the kiln behind.
+    ignites
+        Whether the true particle ignites in flight, by track; tracks without one are missing.
+    """
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame").groupby("particle")
     found = {name: lights_up(one["time_s"], one["gray"], one["background"]) for name, one in flying}
@@ -103,11 +124,13 @@ def count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series) -
 
 
 def optical_picture(recording: Recording, frames: range) -> Array:
-    """Return a background plus the greatest signed difference from it at each pixel (Fig. 5.17).
+    """Return background plus greatest difference (rows, cols) in grey values.
 
-    The thesis sums the differences; here the flicker of the kiln would sum up to more than one
-    passing particle. The background is the median of `kilnflight.kiln.EMPTY_FRAMES` frames of
-    each stretch of about `STRETCH` ("constant over a specific time period", 5.1.2).
+    Fig. 5.17 shows this picture. The difference of each pixel is signed; of all ``frames`` the one
+    of greatest absolute value counts. The thesis sums the differences. Here the flicker of the kiln
+    would sum up to more than one passing particle. The background is the median of
+    `kilnflight.kiln.EMPTY_FRAMES` frames in each stretch of about `STRETCH` frames; it is "constant
+    over a specific time period" (5.1.2). The picture shows that of the last stretch.
     """
     most = np.zeros((recording.attributes.rows, recording.attributes.columns), np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
@@ -124,7 +147,11 @@ def optical_picture(recording: Recording, frames: range) -> Array:
 def keep_greatest(
     picture: npt.NDArray[Any], background: npt.NDArray[np.float32], most: npt.NDArray[np.float32]
 ) -> None:
-    """Keep in ``most`` (pixels,) the greatest signed difference; ties go to the first."""
+    """Update ``most`` in place: the difference of greatest absolute value.
+
+    All arrays are (pixels,) grey values, ``picture`` of any number type. The difference picture
+    minus background keeps its sign. Ties keep the earlier one.
+    """
     for p in range(most.size):
         change = np.float32(picture[p]) - background[p]
         if abs(change) > abs(most[p]):

@@ -35,18 +35,18 @@ SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}
 def draw_grouped_boxes(
     axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]
 ) -> None:
-    """Draw box plots: a place per label, a box per group, outliers as crosses.
+    """Draw box plots in groups: for each label, one box per source of values.
 
-    The number of values stands below each box.
+    Outliers are crosses. The number of finite values stands below each box.
 
     Parameters
     ----------
     axes
-        Where to; place i is at i.
+        Axes to draw on; the boxes of label i lie around x = i.
     groups
-        By name: one array of values per label; NaN are left out.
+        For each source (at most four), one array of values per label; NaN are left out.
     labels
-        Below the places.
+        Labels of the horizontal axis.
     """
     width = 0.8 / len(groups)
     below: dict[str, Any] = {"xycoords": axes.get_xaxis_transform(), "va": "bottom"}
@@ -69,16 +69,17 @@ def draw_velocity_boxes(
     keys: Sequence[CampaignKey],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
-    """Draw box plots of the velocity within each metre, a panel for each campaign.
+    """Draw box plots of the velocity within each metre, after Figs 5.21 to 5.24.
 
     Parameters
     ----------
     sources
-        Results of the campaigns by their source, such as "true" and "measured".
+        Values of the campaigns by their source, such as "true" and "measured".
     keys
-        The campaigns, two a row.
+        Campaigns, a panel each, two in a row.
     bounds
-        Published bounds with ``outcome``, ``low``, ``high`` beside fraction and pressure.
+        Published bounds in m/s: ``fraction``, ``pressure_bar``, ``outcome`` ("velocity 0-1 m
+        (m/s)" ...), ``low``, ``high``; None: not drawn.
     """
     rows = max(-(-len(keys) // 2), 1)
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * rows}
@@ -89,6 +90,7 @@ def draw_velocity_boxes(
         draw_grouped_boxes(axes, groups, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
         if bounds is not None:
+            # the first metre, 0-1 m, is label 0
             at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
             draw_published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
     for axes in grid[:, 0]:
@@ -98,14 +100,16 @@ def draw_velocity_boxes(
 
 
 def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey]) -> Figure:
-    """Draw box plots of dwell times by fraction, a panel for each pressure that was measured.
+    """Draw box plots of dwell times by fraction, a panel per pressure (Fig. 5.19).
+
+    The band at 4.5 bar is the published range of the medians.
 
     Parameters
     ----------
     sources
-        By their names; of complete flights.
+        Values of the campaigns by their source; dwell times of complete flights in s.
     keys
-        The campaigns.
+        Campaigns; every fraction needs every pressure.
     """
     names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
     picture, grid = canvas(1, len(bars), width_mm=PAGE_MM, height_mm=80, sharey=True)
@@ -126,9 +130,11 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
 
 
 def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
-    """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
+    """Draw published numbers and bounds beside what is drawn.
 
-    A number is a diamond, two bounds a bar, an open bound an arrow. The axis grows to hold them.
+    All have the look of `PUBLISHED`. A number (``low`` equals ``high``) is a diamond, two bounds are
+    a bar. An open bound (NaN) is an arrow. The vertical axis grows to hold them. ``bounds`` has ``at`` (place on the horizontal
+    axis), ``low`` and ``high`` (in units of the vertical one).
     """
     bottom, top = axes.get_ylim()
     low, high, at = bounds["low"], bounds["high"], bounds["at"]
@@ -147,16 +153,16 @@ def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
 
 
 def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
-    """Draw bars: groups by entry of ``along``, one per ``kind``, in colour and hatch.
+    """Draw grouped bars; bars of one kind share colour and hatch.
 
     Parameters
     ----------
     axes
-        Where to; group i is drawn at i.
+        Axes to draw on; group i is at x = i.
     table
-        Long; one row per bar.
+        One row per bar; each pair of group and kind occurs once.
     along, kind, value
-        Its columns.
+        Columns with the group, the kind and the height of a bar.
     """
     groups, kinds = list(table[along].unique()), list(table[kind].unique())
     width = 0.8 / len(kinds)
@@ -169,16 +175,18 @@ def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str
 
 
 def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pixels: str) -> None:
-    """Draw methods' F1 with intervals, beside another criterion and the publication.
+    """Draw F1 by method with intervals, beside F1 in pixels and the published F1.
 
     Parameters
     ----------
     axes
-        Where to; the first row of the table is on top.
+        Axes to draw on; the first row of the table is on top.
     table
-        Index: names; columns ``f1``, ``f1_low``, ``f1_high``, and the next two.
+        Index: names of the methods; ``f1``, ``f1_low``, ``f1_high`` with a scoring distance of 45
+        px, and the columns named by the next two arguments.
     published_f1, f1_in_pixels
-        Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
+        Names of the columns with the published F1 (NaN if none) and with F1 within a particle's
+        pixels (section 5.1.1).
     """
     place, label = np.arange(len(table)), "scoring distance 45 px"
     reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
@@ -191,18 +199,18 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
 
 
 def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
-    """Draw the recall of each class by subset, a panel for each value of a column.
+    """Draw the recall of each class by subset, after Figs 5.5, 5.6, 5.8 and 5.10.
 
-    No bar is drawn for fewer than ten particles: one of them would be a large part of its recall.
+    A bar needs ten particles: with fewer, a single one would change the recall much.
 
     Parameters
     ----------
     recall
-        ``subset``, ``kind``, ``tp``, ``fn``, ``recall`` and the column.
+        ``subset``, ``kind`` (class in words), ``tp``, ``fn``, ``recall`` and the column ``by``.
     by
-        The column.
+        Column whose values are the panels, such as "method".
     published
-        Recall of non-burning particles by subset, drawn in the first panel.
+        Published recall of non-burning particles, in the order of the subsets, for the first panel.
     """
     few = recall["tp"] + recall["fn"] < 10
     groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
@@ -224,11 +232,23 @@ def draw_keypoints_and_clusters(
     roi: Sequence[tuple[float, float]],
     **size: Any,
 ) -> Figure:
-    """Draw a frame with keypoints as circles and the pixels of clusters as dots.
+    """Draw a frame with keypoints as circles and the clusters' pixels as dots.
 
-    ``keypoints`` (k, 3) are row, col and radius in px; ``roi`` are corners (row, col) of the region
-    of interest; ``size`` goes to `canvas`. Neighbouring clusters differ by six colours in turn.
-    Grey values are brightened, more so behind clusters, whose pixels cover them.
+    Fig. 5.3 shows the keypoints alone, Figs 3.1 and 3.2 both.
+
+    Parameters
+    ----------
+    gray
+        (rows, cols) grey values of the frame. Averages over 2 x 2 px are shown; over 4 x 4 px
+        behind clusters.
+    keypoints
+        (k, 3) row, col and radius in px.
+    clusters
+        Each pixel of a cluster is a dot; six colours in turn tell clusters apart. None: not drawn.
+    roi
+        Corners (row, col) of the region of interest in px, in order around it.
+    **size
+        ``width_mm`` and ``height_mm`` of the figure, for `canvas`.
     """
     picture, ((axes,),) = canvas(**size)
     draw_frame(axes, gray, 4 if clusters is not None else 2)
@@ -242,9 +262,10 @@ def draw_keypoints_and_clusters(
 
 
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return tracks with an empty row in every gap of frames, which breaks drawn lines.
+    """Return tracks with an extra row in every gap, so that lines break there.
 
-    The columns are ``particle``, ``frame``, ``row`` and ``col``.
+    Input and result have ``particle``, ``frame``, ``row`` and ``col`` (px); row and col of the
+    extra rows are NaN.
     """
     places = tracks[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"])
     behind = places[places.groupby("particle")["frame"].diff() > 1]
@@ -253,22 +274,23 @@ def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def upright(places_mm: npt.ArrayLike) -> Array:
-    """Return depth, across and up in m, (3, n), of camera coordinates (n, 3) in mm.
+    """Return depth z, across x and up y in m, (3, n), of camera places (n, 3) in mm.
 
-    Pictures in space use these; y of the camera points up, as rows count down.
+    Pictures in space draw depth along their first axis. The y of the camera points up, although
+    rows count down.
     """
     x, y, z = np.asarray(places_mm, dtype=np.float64).reshape(-1, 3).T / 1000.0
     return np.stack([z, x, y])
 
 
 def label_camera_space(axes: Any) -> None:
-    """Label axes of `upright` places; call once, as it turns their second axis."""
-    axes.invert_yaxis()  # or right and left were changed
+    """Label 3D axes with `upright` places, and invert the second: call it once."""
+    axes.invert_yaxis()  # otherwise left and right are swapped
     label_space(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
 
 
 def label_space(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int) -> None:
-    """Label the three axes; ``pads`` and ``ticks`` move labels and ticks outwards (points)."""
+    """Label three axes; ``pads`` and ``ticks`` shift labels and ticks (points)."""
     for axis, label, pad in zip("xyz", labels, pads, strict=True):
         axes.set(**{f"{axis}label": label})
         getattr(axes, f"{axis}axis").labelpad = pad

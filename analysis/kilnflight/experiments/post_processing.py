@@ -20,7 +20,7 @@ from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining, hungarian
 from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 
-BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
+BOX = (60, 30)  # px, rows and columns of a box for the textures; 30 = 2 w, w of Table 5.16
 SPAN = 11  # frames that such a box sums
 HUNGARIAN = "Hungarian - dual nearest"
 MASKS = {"L": LAWS_LEVEL, "E": LAWS_EDGE, "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0])}  # Eq. 4.25
@@ -30,9 +30,17 @@ MASKS |= {"W": np.array([-1.0, 2.0, 0.0, -2.0, 1.0]), "R": np.array([1.0, -4.0, 
 def compare_steps(
     windows: Iterable[Window],
 ) -> tuple[pd.DataFrame, dict[str, dict[str, pd.DataFrame]]]:
-    """Return measures of all tracks after GNN and each step, and the tracks by fraction and step.
+    """Return measures and tracks after GNN and each step (Figs 4.16 to 4.21).
 
-    Columns are ``fraction``, ``step``, number of ``tracks`` and ``positions``, and the measures.
+    All tracks are scored, not only those from the lance.
+
+    Returns
+    -------
+    measures : DataFrame
+        ``fraction``, ``step`` ("tracker" or the step's class), number of ``tracks`` and
+        ``positions``, and `MEASURES` with a scoring distance of 10 px.
+    tracks : dict
+        Tracks by fraction, then by step.
     """
     rows, tracks_by_step = [], {}
     for window in windows:
@@ -52,13 +60,20 @@ def compare_steps(
 
 
 def compare_matchings(windows: Sequence[Window]) -> pd.DataFrame:
-    """Return what the Hungarian method gains in alpha over dual nearest neighbours (Fig. 4.14).
+    """Return by how much the Hungarian method changes alpha (Fig. 4.14).
 
-    Tracks are GNN's from the lance after all steps. Columns are ``fraction``, ``step``, ``alpha``
-    (the difference), and the ends of its 95 % interval.
+    It replaces dual nearest neighbours in the two joining steps. Scored are GNN's tracks from the
+    lance after all steps.
+
+    Returns
+    -------
+    DataFrame
+        A row per fraction and one of their mean: ``fraction``, ``step`` (`HUNGARIAN`), ``alpha``
+        (Hungarian minus dual nearest), ``alpha_low`` and ``alpha_high`` (95 % interval).
     """
     steps = tracklets.STEPS
     joining = [replace(step, matching=hungarian) for step in steps if isinstance(step, Joining)]
+    # the last two of the four steps join tracklets
     ways: dict[str, Any] = {"dual nearest": steps, "Hungarian": (*steps[:2], *joining)}
     tracked = {
         (window.fraction, name): {
@@ -76,10 +91,22 @@ def compare_matchings(windows: Sequence[Window]) -> pd.DataFrame:
 def texture_boxes(
     window: Window, count: int, generator: np.random.Generator
 ) -> tuple[list[Array], list[Array]]:
-    """Return sums of frame differences with and without a track in them (Fig. 4.13).
+    """Return sums of frame differences with a track and without one (Fig. 4.13).
 
-    Boxes of `BOX` pixels over `SPAN` frames lie around true positions, and in the same frames
-    where no true position is within three boxes.
+    Parameters
+    ----------
+    window
+        Frames with true positions and stored differences.
+    count
+        Number of boxes of each kind.
+    generator
+        Draws the boxes.
+
+    Returns
+    -------
+    with_track, without_track : list
+        Sums over `SPAN` frames, (60, 30) grey values each. The first lie around true positions,
+        the second in the same frames, over 180 px from every true position.
     """
     with_track, without_track = [], []
     for _ in range(count):
@@ -91,7 +118,10 @@ def texture_boxes(
 
 
 def energies(window: Array) -> dict[str, float]:
-    """Return the 15 texture energies "LL" to "RR" of a sum of frame differences (Fig. 4.13)."""
+    """Return the 15 texture energies "LL" to "RR" of a sum of frame differences.
+
+    ``window`` is (rows, cols) grey values. Fig. 4.13 compares energies with and without a track.
+    """
     pairs = combinations_with_replacement(MASKS, 2)
     return {a + b: texture_energy(window, MASKS[a], MASKS[b]) for a, b in pairs}
 
@@ -99,7 +129,10 @@ def energies(window: Array) -> dict[str, float]:
 def _empty_place(
     window: Window, frames: tuple[int, int], generator: np.random.Generator
 ) -> tuple[float, float]:
-    """Return a place that no true trajectory is near to in these frames."""
+    """Return a random place (row, col) in px, over 180 px from all true positions.
+
+    Only positions in ``frames`` (first and last) count. The distance is three times the box.
+    """
     rows, cols = window.differences.shape[1:]
     now = window.truth[window.truth["frame"].between(*frames)]
     for _ in range(1000):
@@ -110,7 +143,11 @@ def _empty_place(
 
 
 def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float]) -> Array:
-    """Return the sum of differences in the box around a place, moved into the image."""
+    """Return the sum of differences (60, 30) in grey values around a place.
+
+    ``place`` is row, col in px, ``frames`` are first and last, both included. At the border the box
+    is moved into the image.
+    """
     top, left = (
         min(max(round(at) - size // 2, 0), edge - size)
         for at, size, edge in zip(place, BOX, window.differences.shape[1:], strict=True)

@@ -9,13 +9,13 @@ from kilnflight.twin.scenes import cached_scene
 
 @dataclass(frozen=True)
 class TwinSource:
-    """A scene of the simulation by name and seed."""
+    """A simulated recording by name and seed, opened by each process for itself."""
 
     name: str
     seed: int = 0
 
     def recording(self) -> Twin:
-        """Return the simulation."""
+        """Return the simulated recording with its truth; the last two are kept in memory."""
         return _scene(self.name, self.seed)
 
 

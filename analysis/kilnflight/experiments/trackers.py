@@ -12,7 +12,12 @@ from kilnflight.tracking.tracker import Management, track
 
 
 def chosen(name: str) -> Tracker:
-    """Return a tracker by its name in trackers.csv."""
+    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv.
+
+    The file holds, in this order, the gate in standard deviations, the acceleration noise in
+    px/frame^1.5, and the number of missed frames after which a track ends. The values give the
+    largest beta on other frames than those of Table 5.17.
+    """
     table = pd.read_csv(paths.reference() / "trackers.csv", index_col="tracker")
     gate_sd, noise, missed_frames = table.loc[name].to_numpy()
     motion = ConstantVelocity(acceleration_noise=float(noise))

@@ -43,24 +43,24 @@ LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
-Stages = Mapping[str, pd.DataFrame]  # stage -> tracks
+Stages = Mapping[str, pd.DataFrame]  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
-Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
+Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle, -1: none
 
 
 class Window(NamedTuple):
-    """Consecutive frames of a campaign: the detections in them, and the truth."""
+    """Consecutive frames of a campaign on which tracking is scored (Table 5.15)."""
 
     fraction: str
     frames: range
-    detections: pd.DataFrame  # in the air, or without depth
+    detections: pd.DataFrame  # `kilnflight.tables.DETECTIONS` in the air, or without depth
     truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
-    differences: StoredDifferences
-    lance: Lance
+    differences: StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
+    lance: Lance  # its outlet
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
-    """Return how many particles fly in so many frames from each first frame."""
+    """Return how many particles fly in ``length`` frames from each start."""
     first = np.asarray(list(starts), dtype=np.intp)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
@@ -69,7 +69,10 @@ def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDAr
 
 
 def scored_frames(twin: Twin, scale: str) -> range:
-    """Return the window of Table 5.15, or the part of it in which most particles fly."""
+    """Return the frames of Table 5.15, or the part with most particles.
+
+    A reduced ``scale`` takes `LENGTHS` frames.
+    """
     within = tracking_window(twin)
     length = LENGTHS[scale] or len(within)
     starts = range(within.start, within.stop - length + 1)
@@ -85,11 +88,11 @@ def windows(scale: str, settings: LearnedSettings, seed: int = 0, *, jobs: int =
     scale
         "quick" (two fractions, few frames), "standard" or "full".
     settings
-        Threshold and wall, from the labelled frames.
+        Threshold, wall and limit of the air, from the labelled frames.
     seed
-        Of the scenes.
+        Seed of the scenes.
     jobs
-        Processes.
+        Number of processes for the detection.
     """
     detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
     stored = {}
@@ -108,7 +111,7 @@ def windows(scale: str, settings: LearnedSettings, seed: int = 0, *, jobs: int =
 
 
 def lance_of(twin: Twin) -> Lance:
-    """Return where the lance of a recording is, as a person would mark it once."""
+    """Return the lance's outlet: row and col in px, depth in mm."""
     attributes = twin.attributes
     if attributes.exit_point_mm is None:
         raise InputError(f"{attributes.name}: the lance's outlet is not known.")
@@ -117,14 +120,14 @@ def lance_of(twin: Twin) -> Lance:
 
 
 def track_window(window: Window, tracker: Tracker) -> Stages:
-    """Return a window's tracks without and with post-processing."""
+    """Return a window's tracks "without" and "with" post-processing (`STAGES`)."""
     tracks = tracker(window.detections)
     processed = tracklets.postprocess(tracks, window.differences)
     return dict(zip(STAGES, (tracks, processed), strict=True))
 
 
 def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tracked:
-    """Return `track_window` of windows by fraction and tracker."""
+    """Return the tracks of all windows and trackers, by fraction and tracker."""
     each = product(windows, trackers.items())
     return {
         (window.fraction, name): track_window(window, tracker) for window, (name, tracker) in each
@@ -132,7 +135,11 @@ def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tr
 
 
 def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
-    """Return the cells of Table 5.17 by key, for the tracks that there are."""
+    """Return the cells of Table 5.17 by fraction, tracker and stage.
+
+    The seed of a cell starts with its fraction's number. So all cells of a window draw the same
+    true trajectories, and their differences are paired.
+    """
     numbers = {name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)}
     found = [
         score_cell(
@@ -149,9 +156,10 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
 
 
 def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
-    """Return the true particle that each detection belongs to, (n,); -1: none.
+    """Return the true particle (n,) of each of n detections; -1: none.
 
-    In each frame detections and true positions are paired within `GATE_PX`.
+    In each frame detections and true positions are paired within `GATE_PX` at the least sum of
+    distances (Eq. 3.4). Both tables have ``frame``, ``row``, ``col``; ``true`` has ``particle``.
     """
     owner = np.full(len(detections), -1, dtype=np.int64)
     rows, known = (table.groupby("frame").indices for table in (detections, true))
@@ -165,13 +173,16 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
 
 
 def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
-    """Return the measures with one part after the other replaced by the truth.
+    """Return the measures with detection or association replaced by the truth.
+
+    This shows what detection, association and post-processing cost (notebook 56).
 
     Returns
     -------
     DataFrame
-        `tracking_scores.tabulate` with ``input``: "true positions", "right detections only" (those
-        of a true trajectory) and "detections"; and rows for the tracker "links by the truth".
+        `tracking_scores.tabulate` with ``input``, the positions that are tracked: "true positions",
+        "right detections only" (those of a true trajectory) or "detections". Rows of the tracker
+        "links by the truth" hold detections linked by their true particle.
     """
     linked = [
         window.detections.assign(particle=true_particles(window.detections, window.truth))
@@ -199,7 +210,15 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
 
 
 def window_table(windows: Iterable[Window]) -> pd.DataFrame:
-    """Return frames, trajectories, positions and detections of windows, beside Table 5.15."""
+    """Return the numbers of each window, one row per fraction (Table 5.15).
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``first_frame``; numbers of ``frames``, true ``trajectories``, of which
+        ``trajectories_from_lance``, true ``positions``, ``detections``, of which
+        ``of_no_particle`` (paired with no true position within 10 px).
+    """
     rows = [
         {
             "fraction": fraction,
@@ -217,7 +236,11 @@ def window_table(windows: Iterable[Window]) -> pd.DataFrame:
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
-    """Return all tracks in one table, with ``fraction`` and the name in a column."""
+    """Return all tracks in one table, for the data behind a figure.
+
+    The columns are ``fraction``, ``column`` (the name in ``tables``), ``particle``, ``frame``,
+    ``row`` and ``col``. Detections of no track are left out.
+    """
     parts = [
         table.assign(fraction=fraction, **{column: name})
         for fraction, group in tables.items()

@@ -29,6 +29,7 @@ STAGES = ("without", "with")  # post-processing
 TRACKERS = ("GNN", "JPDA")
 KEYS = ["fraction", "tracker", "postprocessing"]
 MEAN, BOTH = "mean of fractions", "both"  # of `difference`
+# Fractions of Table 5.17, as they are called here.
 SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
 SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 
@@ -44,7 +45,7 @@ Key = tuple[str, ...]  # of `KEYS`
 
 
 class Lance(NamedTuple):
-    """The outlet of the lance in the picture (px), and its depth (mm)."""
+    """The outlet of the lance in the picture (row, col in px), and its depth (mm)."""
 
     row: float
     col: float
@@ -54,10 +55,13 @@ class Lance(NamedTuple):
 def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
     """Return the rows of tracks that start at the lance and continue for some time.
 
+    The median of the first `FIRST` positions must be within `WITHIN_PX` of the outlet, and within
+    `WITHIN_MM` of its depth if that is known. A track must last `LEAST_FRAMES` frames.
+
     Parameters
     ----------
     tracks
-        ``frame``, ``particle``, ``row``, ``col``; ``z`` in mm, NaN where there is no depth.
+        ``frame``, ``particle`` (-1: in no track), ``row``, ``col``; ``z`` in mm, NaN without depth.
     lance
         Outlet of the lance.
 
@@ -78,7 +82,7 @@ def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
 
 
 def measures_of(score: TrackScore | None) -> dict[str, float]:
-    """Return the four measures and counts of tracks; NaN without a true trajectory."""
+    """Return the four measures and counts of tracks; NaN if ``score`` is None."""
     names = (*MEASURES, "tp_tracks", "fn_tracks", "fp_tracks")
     return {name: np.nan if score is None else float(getattr(score, name)) for name in names}
 
@@ -89,11 +93,12 @@ class Scored(NamedTuple):
     Attributes
     ----------
     key
-        fraction, tracker, postprocessing.
+        Fraction, tracker, "with" or "without" post-processing.
     score
-        None without a true trajectory.
+        None without a true trajectory from the lance.
     draws
-        (draws, 4) measures; draw k takes the same true trajectories in all cells of a window.
+        (DRAWS, 4) draws of `MEASURES`. Draw k takes the same true trajectories in all cells of a
+        window, so differences of cells are paired.
     """
 
     key: Key
@@ -104,7 +109,20 @@ class Scored(NamedTuple):
 def score_cell(
     key: Key, truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance, seed: Sequence[int]
 ) -> Scored:
-    """Return a cell of tracks from the lance; ``seed`` starts with the window's number."""
+    """Return the scored cell of a window's tracks from the lance.
+
+    Parameters
+    ----------
+    key
+        Fraction, tracker, "with" or "without".
+    truth, tracks
+        True and measured tracks of the window, also those not from the lance.
+    lance
+        Its outlet.
+    seed
+        Seed of the bootstrap. Its first number must be the same in all cells of a window: it draws
+        the true trajectories. The whole draws the false tracks.
+    """
     true = from_lance(truth, lance)
     if not len(true):
         return Scored(key, None, np.full((DRAWS, len(MEASURES)), np.nan))
@@ -113,9 +131,13 @@ def score_cell(
 
 
 def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
-    """Return measures by cell, with 95 % intervals (``_low``, ``_high``).
+    """Return the measures as Table 5.17, one row per cell, with 95 % intervals.
 
-    The ends are NaN with fewer than `LEAST` true trajectories.
+    Returns
+    -------
+    DataFrame
+        `KEYS`; `MEASURES` and the numbers ``tp_tracks``, ``fn_tracks``, ``fp_tracks``; ``_low`` and
+        ``_high`` of each measure, NaN with fewer than `LEAST` true trajectories.
     """
     rows = []
     for cell in cells:
@@ -128,7 +150,7 @@ def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
 
 
 def published() -> pd.DataFrame:
-    """Return Table 5.17 as printed: `KEYS`, ``measure``, ``published``."""
+    """Return Table 5.17, one row per value: `KEYS`, ``measure``, ``published``."""
     table = claims.published("table_5.17")
     names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
     table = table.assign(fraction=table["fraction"].map(SINGULARS)).rename(columns=names)
@@ -136,7 +158,11 @@ def published() -> pd.DataFrame:
 
 
 def beside_published(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the values of `tabulate` one per row, beside Table 5.17's."""
+    """Return the values of `tabulate`, one per row, beside those of Table 5.17.
+
+    The columns are `KEYS`, ``measure``, ``recomputed``, ``low``, ``high`` and ``published``. Values
+    that are not printed are left out.
+    """
     ends = {"recomputed": "", "low": "_low", "high": "_high"}
     parts = [
         measured[KEYS].assign(
@@ -153,12 +179,18 @@ def difference(cells: Mapping[Key, Scored], key: Key, measures: str) -> dict[str
     Parameters
     ----------
     cells
-        By `Scored.key`.
+        Scored cells by key.
     key
-        One entry is "A - B", the difference of the two. `MEAN` averages over the fractions, `BOTH`
-        over the trackers.
+        Fraction, tracker, stage. One entry may be "A - B", the difference of the two. `MEAN`
+        averages over the fractions, `BOTH` over the trackers.
     measures
         Names joined by ", "; their mean is compared.
+
+    Returns
+    -------
+    dict
+        `KEYS`, ``measure``, ``recomputed``, ``low`` and ``high`` (NaN with fewer than `LEAST` true
+        trajectories in a cell), ``published``.
     """
     every = {MEAN: dict.fromkeys(each[0] for each in cells), BOTH: TRACKERS}
     names = product(*(every.get(entry, [entry]) for entry in key))
@@ -180,9 +212,15 @@ def difference(cells: Mapping[Key, Scored], key: Key, measures: str) -> dict[str
 
 
 def differences(cells: Mapping[Key, Scored]) -> pd.DataFrame:
-    """Return the paired differences that section 5.2.3 speaks of, by ``claim``.
+    """Return the differences that section 5.2.3 claims, by ``claim``.
 
-    False tracks of paper shreds (track-10) are counts; their interval is that of Poisson's law.
+    ``cells`` must hold the paper shreds of both trackers "with" post-processing. The false tracks
+    of paper shreds (track-10) are counts; their interval assumes Poisson's law.
+
+    Returns
+    -------
+    DataFrame
+        ``claim`` (id) and the entries of `difference`, one row each.
     """
     fractions = list(dict.fromkeys(key[0] for key in cells))
     chips = [f"wood chip - {name}" for name in fractions if name != "wood chip"]
@@ -212,7 +250,11 @@ def differences(cells: Mapping[Key, Scored]) -> pd.DataFrame:
 def _ends(
     draws: npt.NDArray[np.float64], cells: Sequence[Scored], least: float
 ) -> tuple[float, float]:
-    """Return the ends of an interval, from ``least`` to 1; NaN where the sample is too small."""
+    """Return the ends of the 95 % interval of draws (DRAWS,), within ``least`` and 1.
+
+    They are NaN if any of the cells has fewer than `LEAST` true trajectories. ``least`` is 0 for
+    measures and -1 for differences.
+    """
     if min(0 if c.score is None else len(c.score.true_tracks) for c in cells) < LEAST:
         return np.nan, np.nan
     low, high = np.clip(percentiles(draws), least, 1.0)

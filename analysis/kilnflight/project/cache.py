@@ -1,4 +1,4 @@
-"""Whole files, one writer at a time, and tables that are made once.
+"""Complete files, one writer at a time, and tables that are computed once.
 
 The name of a cached table holds a hash of its arguments and of the code that makes it
 (`code_hash`), so a change of either gives another file. Among the arguments of a later step are
@@ -31,12 +31,17 @@ AGAIN = "Finished parts are kept: make room (disk, memory) and run it again to c
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it; errors as in `make_whole`."""
+    """Write a file under a temporary name and rename it, so that it is never incomplete.
+
+    Raises an `InputError` if it cannot be written.
+    """
     make_whole(path, lambda part: part.write_bytes(content))
 
 
 def make_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file or a folder under a temporary name, then rename it.
+    """Call ``write`` with a temporary path for a file or a folder, then rename that to ``path``.
+
+    An interrupted run leaves no incomplete result. An existing file or folder is replaced.
 
     Raises
     ------
@@ -56,7 +61,10 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def clear_parts(path: Path) -> None:
-    """Remove unfinished copies of a file or folder; only while it is `locked`."""
+    """Remove the temporary files of interrupted writers of ``path``.
+
+    Hold the lock on it (`locked`): the temporary file of a running writer would be removed.
+    """
     for part in path.parent.glob(f".{path.name}.*.part"):
         _remove(part)
 
@@ -68,7 +76,10 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file or folder for one process; others wait (make -j)."""
+    """Hold an exclusive lock on a file or folder; other processes wait (make -j).
+
+    A missing file is created.
+    """
     handle = os.open(path, os.O_RDONLY | (0 if path.is_dir() else os.O_CREAT))
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -78,10 +89,10 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def code_hash(*objects: object) -> str:
-    """Return a hash of the modules of functions, classes and instances, and of their imports.
+    """Return a hash of the source code behind functions, classes and instances.
 
-    Imports are followed within this package, whole modules at a time, with JSON and CSV files
-    beside them. Objects from elsewhere, as from a notebook, do not count.
+    The text of their modules counts, of all modules of this package that these import, and of JSON
+    and CSV files in the same folders. Objects of other packages or notebooks do not count.
     """
     made_by = (getattr(value, "func", value) for value in objects)  # of a partial
     names = {getattr(value, "__module__", None) or "" for value in made_by}
@@ -90,6 +101,7 @@ def code_hash(*objects: object) -> str:
 
 @cache
 def _closure_hash(files: frozenset[Path]) -> str:
+    """Return a hash of the names and texts of files and of all that they import."""
     pending, texts = set(files), {}
     while pending:
         file = pending.pop()
@@ -100,7 +112,7 @@ def _closure_hash(files: frozenset[Path]) -> str:
 
 
 def _imports(file: Path) -> set[Path]:
-    """Return the modules of this package that a module imports, and the data beside it."""
+    """Return the files of this package that a module imports, and data files beside it."""
     found = {path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")}
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -111,7 +123,7 @@ def _imports(file: Path) -> set[Path]:
 
 
 def _module(name: str) -> list[Path]:
-    """Return the file of a module of this package; nothing for any other name."""
+    """Return the file of a module by its dotted name; empty if it is not of this package."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
     files = (base.with_suffix(".py"), base / "__init__.py") if package == PACKAGE.name else ()
@@ -120,18 +132,19 @@ def _module(name: str) -> list[Path]:
 
 @dataclass(frozen=True, repr=False)
 class CachedTable:
-    """A table that is made once and then read from its file.
+    """A table that is computed once and then read from its Parquet file.
 
     Parameters
     ----------
     name
         First part of the file's name.
     make
-        Function of no arguments, also a `functools.partial`, that makes the table.
+        Function or `functools.partial` without further arguments that returns the table.
     depends_on
-        Arguments of the table; the ``repr`` of each value counts, and the code of its class.
+        Everything that ``make`` depends on, by name. The ``repr`` of each value enters the file's
+        name, so it must be complete and the same in every run. The code of its class enters, too.
     folder
-        data/derived if None.
+        Folder of the file; data/derived if None.
     """
 
     name: str
@@ -140,19 +153,27 @@ class CachedTable:
     folder: Path | None = None
 
     def __repr__(self) -> str:
-        """Return the file's name, the identity of the table."""
+        """Return the file's name. Tables that depend on this one are named by it."""
         return self.path.name
 
     @property
     def path(self) -> Path:
-        """File of the table."""
+        """File of the table; its name holds a hash of arguments and code."""
         arguments = json.dumps([self.name, dict(self.depends_on)], sort_keys=True, default=repr)
         text = arguments + code_hash(self.make, *self.depends_on.values())
         number = hashlib.sha256(text.encode()).hexdigest()[:12]
         return (self.folder or paths.derived()) / f"{self.name}-{number}.parquet"
 
     def __call__(self) -> pd.DataFrame:
-        """Return the table; an `InputError` if the file cannot be written or read."""
+        """Return the table, computed and written if its file is missing.
+
+        One process computes it while others wait.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written or read.
+        """
         import pandas as pd
         from pyarrow import ArrowException
 
@@ -168,12 +189,15 @@ class CachedTable:
 
 
 def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], property]:
-    """Turn a method that makes a table into a property: the `CachedTable` of that name.
+    """Turn a method that returns a table into a property that returns a `CachedTable`.
+
+    The method's name becomes the table's.
 
     Parameters
     ----------
     *depends_on
-        Attributes of the object that the table depends on; its ``folder`` holds the file.
+        Names of all attributes of the object that the table depends on. The object's attribute
+        ``folder`` holds the file.
     """
 
     def decorate(make: Callable[[Any], pd.DataFrame]) -> property:

@@ -21,7 +21,7 @@ REPRODUCED, NOT_REPRODUCED, OPEN = "reproduced", "not reproduced", "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
 CAUSES = ("twin", "method", "data", "misprint")  # why a claim is not reproduced
 MEASURED, REASON = 60, 160  # characters
-OTHER_BOUNDS = (1.0, 0.5, 2.0)  # times the distance of a bound of ours
+OTHER_BOUNDS = (1.0, 0.5, 2.0)  # factors of a bound that we chose; a verdict must hold for all
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Verdict:
     """Verdict on one claim; a row of figures/claims.csv."""
 
     id: str
-    verdict: str
-    because: str
-    measured: str
-    published: str
-    reason: str = ""
+    verdict: str  # one of `VERDICTS`
+    because: str  # one of `CAUSES` if it is not reproduced, else ""
+    measured: str  # at most 60 characters
+    published: str  # sentence of the claim
+    reason: str = ""  # one sentence
 
 
 def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
@@ -44,7 +44,12 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     name
         Stem of a file in data/reference/published.
     as_printed
-        Keep every cell as the string that was printed (its digits matter).
+        Keep every cell as the printed string, since its digits tell how it was rounded.
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
     """
     folder = paths.reference() / "published"
     path = folder / f"{name}.csv"
@@ -55,23 +60,28 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
 
 
 def load() -> pd.DataFrame:
-    """Load the claims, indexed by id."""
+    """Load data/reference/claims.csv: one row per claim, indexed by id."""
     return pd.read_csv(paths.reference() / "claims.csv", index_col="id")
 
 
 def check(claim_id: str, holds: bool | None, measured: object = "", reason: str = "") -> Verdict:
-    """Return the verdict on a claim: reproduced, not reproduced or, for None, open.
+    """Return the verdict on a claim: reproduced, not reproduced or open.
 
     Parameters
     ----------
     claim_id
         Id in data/reference/claims.csv, which also holds the sentence and the cause of a failure.
     holds
-        Whether the claim holds; None if neither outcome is shown (see `all_of`, `beyond`).
+        Whether the claim holds; None (open) if neither outcome is shown.
     measured
-        A text or number, or a Series of numbers (its labels are shown), cut to 60 characters.
+        Text, number, or Series of numbers with its labels; cut to 60 characters.
     reason
         One sentence for the reader, at most 160 characters.
+
+    Raises
+    ------
+    InputError
+        If the id is unknown, ``holds`` is no bool or None, or the reason is too long.
     """
     claims = load()
     if claim_id not in claims.index:
@@ -92,19 +102,22 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
 
 
 def all_of(*answers: bool | None) -> bool | None:
-    """Return False if any answer is, else None if any answer is, else True."""
+    """Return whether all answers are True; None (open) if one is None and none is False."""
     if any(answer is not None and not answer for answer in answers):
         return False
     return None if None in answers else True
 
 
 def beyond(low: float, high: float) -> bool | None:
-    """Return whether an interval lies above 0; None if it holds 0."""
+    """Return whether an interval lies above 0; None (open) if it contains 0.
+
+    A claimed order holds beyond chance if the interval of the difference lies above 0.
+    """
     return True if low > 0 else False if high < 0 else None
 
 
 def within(low: float, high: float, least: float, most: float) -> bool | None:
-    """Return whether an interval lies between two bounds; None if it holds one of them.
+    """Return whether an interval lies between two bounds; None if it contains one.
 
     Examples
     --------
@@ -115,16 +128,30 @@ def within(low: float, high: float, least: float, most: float) -> bool | None:
 
 
 def about(value: float, named: float, bound: float) -> bool | None:
-    """Return whether a value is "about" what a sentence names, within a bound of ours.
+    """Return whether a value is "about" the number that a sentence names.
 
-    None where bounds half and twice as far decide otherwise.
+    It is if the two differ by at most ``bound``, which we chose. None (open) if a bound of half or
+    twice the size gives another answer.
     """
     answers = {bool(abs(value - named) <= scale * bound) for scale in OTHER_BOUNDS}
     return answers.pop() if len(answers) == 1 else None
 
 
 def collect() -> pd.DataFrame:
-    """Return the verdict on every claim, in the order of claims.csv; not judged: open."""
+    """Return the verdict on every claim, in the order of claims.csv; open if none is given.
+
+    Verdicts come from the folder of figures, where each notebook saved its own.
+
+    Returns
+    -------
+    DataFrame
+        ``id``, ``verdict``, ``because``, ``measured``, ``published``, ``notebook``, ``reason``.
+
+    Raises
+    ------
+    InputError
+        If two notebooks judge the same claim.
+    """
     from kilnflight.project import figures
 
     known, concluded = load(), figures.index()["notebooks"].items()
