@@ -132,9 +132,9 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
 def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
     """Draw published numbers and bounds beside what is drawn.
 
-    All have the look of `PUBLISHED`. A number (``low`` equals ``high``) is a diamond, two bounds are
-    a bar. An open bound (NaN) is an arrow. The vertical axis grows to hold them. ``bounds`` has ``at`` (place on the horizontal
-    axis), ``low`` and ``high`` (in units of the vertical one).
+    All have the look of `PUBLISHED`. A number (``low`` equals ``high``) is a diamond, two bounds
+    are a bar, an open bound (NaN) is an arrow. The vertical axis grows to hold them. ``bounds`` has
+    ``at`` (place on the horizontal axis), ``low`` and ``high`` (in units of the vertical one).
     """
     bottom, top = axes.get_ylim()
     low, high, at = bounds["low"], bounds["high"], bounds["at"]

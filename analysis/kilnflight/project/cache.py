@@ -31,7 +31,7 @@ AGAIN = "Finished parts are kept: make room (disk, memory) and run it again to c
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it, so that it is never incomplete.
+    """Write a file under a temporary name, then rename it; never incomplete.
 
     Raises an `InputError` if it cannot be written.
     """
@@ -39,9 +39,9 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def make_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call ``write`` with a temporary path for a file or a folder, then rename that to ``path``.
+    """Call ``write`` with a temporary path, then rename that to ``path``.
 
-    An interrupted run leaves no incomplete result. An existing file or folder is replaced.
+    ``write`` makes a file or a folder. An existing one is replaced only when it is complete.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
 def clear_parts(path: Path) -> None:
     """Remove the temporary files of interrupted writers of ``path``.
 
-    Hold the lock on it (`locked`): the temporary file of a running writer would be removed.
+    Call it only while its writers are `locked` out; a running one would lose its file.
     """
     for part in path.parent.glob(f".{path.name}.*.part"):
         _remove(part)
@@ -112,7 +112,7 @@ def _closure_hash(files: frozenset[Path]) -> str:
 
 
 def _imports(file: Path) -> set[Path]:
-    """Return the files of this package that a module imports, and data files beside it."""
+    """Return the files of this package that a module imports, and its data files."""
     found = {path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")}
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -123,7 +123,7 @@ def _imports(file: Path) -> set[Path]:
 
 
 def _module(name: str) -> list[Path]:
-    """Return the file of a module by its dotted name; empty if it is not of this package."""
+    """Return the file of a module by dotted name; empty if of another package."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
     files = (base.with_suffix(".py"), base / "__init__.py") if package == PACKAGE.name else ()
@@ -189,7 +189,7 @@ class CachedTable:
 
 
 def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], property]:
-    """Turn a method that returns a table into a property that returns a `CachedTable`.
+    """Turn a method that returns a table into a property: a `CachedTable`.
 
     The method's name becomes the table's.
 

@@ -102,7 +102,7 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
 
 
 def all_of(*answers: bool | None) -> bool | None:
-    """Return whether all answers are True; None (open) if one is None and none is False."""
+    """Return whether all answers are True; None if one is None and none False."""
     if any(answer is not None and not answer for answer in answers):
         return False
     return None if None in answers else True
@@ -138,9 +138,10 @@ def about(value: float, named: float, bound: float) -> bool | None:
 
 
 def collect() -> pd.DataFrame:
-    """Return the verdict on every claim, in the order of claims.csv; open if none is given.
+    """Return the verdict on every claim, in the order of claims.csv.
 
-    Verdicts come from the folder of figures, where each notebook saved its own.
+    Verdicts come from the folder of figures, where each notebook saved its own. A claim without one
+    is open.
 
     Returns
     -------

@@ -37,7 +37,13 @@ FOLDERS = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS")
 
 
 def find(name: str) -> Path | None:
-    """Return where a file is, its checksum verified; None where it was never fetched."""
+    """Return the path of a file of `REGISTRY`, checked; None if never fetched.
+
+    Raises
+    ------
+    InputError
+        If its checksum is wrong, or ``KILNFLIGHT_EXTERNAL`` is set and does not have it.
+    """
     path = paths.external() / name
     if path.is_file():
         check(path, name)
@@ -48,7 +54,10 @@ def find(name: str) -> Path | None:
 
 
 def check(path: Path, name: str) -> None:
-    """Raise an `InputError` unless a file (of a .gz file its content) is the published one."""
+    """Raise an `InputError` unless a file has the SHA-256 of ``name``.
+
+    The checksums are those of `REGISTRY`. Of a .gz file the uncompressed content counts.
+    """
     content = path.read_bytes()
     with suppress(OSError, EOFError, zlib.error):  # damaged: its checksum is wrong
         content = gzip.decompress(content) if path.suffix == ".gz" else content
@@ -57,12 +66,12 @@ def check(path: Path, name: str) -> None:
 
 
 def fetch(name: str) -> Path:
-    """Return where a file is, fetched (pooch) if it is not there yet.
+    """Return the path of a file of `REGISTRY`, downloaded if it is missing.
 
     Raises
     ------
     ValueError
-        If what arrives or lies there has another checksum.
+        If the checksum is wrong, of the download or of the file that is there (`InputError`).
     OSError
         If its repository cannot be reached or does not have the file.
     """
@@ -79,7 +88,11 @@ def fetch(name: str) -> Path:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Fetch every file (``make data``); with ``--optional`` a missing network is no error."""
+    """Fetch every file (``make data``) and return the exit status.
+
+    With ``--optional`` a missing network is no error. Recordings are not fetched if the user names
+    a folder in one of `FOLDERS`.
+    """
     # a folder that the user sets is used as it is
     recordings = () if any(map(os.environ.get, FOLDERS)) else RECORDINGS
     told, good = f"have {len(BELT_DEM)} DEM tracks and {len(recordings)} recordings", True

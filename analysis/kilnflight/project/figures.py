@@ -46,14 +46,14 @@ SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "require
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a figure comes from."""
+    """Where a figure comes from; stored in index.json and in the picture."""
 
-    notebook: str
+    notebook: str  # stem
     parameters: Mapping[str, object] = field(default_factory=dict)
     seed: int | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)  # name -> SHA-256
     version: str = __version__
-    commit: str = ""
+    commit: str = ""  # of the sources; "" without git
     mark: str = "simulated"  # stands inside each picture
 
 
@@ -65,7 +65,7 @@ def trace(
     inputs: Iterable[Path] = (),
     mark: str = "simulated",
 ) -> Provenance:
-    """Return the provenance of what a notebook makes.
+    """Return the provenance of a notebook's figures and tables.
 
     Parameters
     ----------
@@ -78,14 +78,17 @@ def trace(
     inputs
         Files that were read; their SHA-256 is stored.
     mark
-        What the data of its pictures are, in a word that stands inside each of them.
+        One word for the kind of data, such as "simulated", written inside each picture.
     """
     checksums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs}
     return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit(), mark)
 
 
 def _commit() -> str:
-    """Return the commit that last touched `SOURCES`, "+changes" added if they differ from it."""
+    """Return the last commit on `SOURCES`, with "+changes" if they differ from it.
+
+    Other files do not change a result, so their commits do not count.
+    """
     options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
     try:
         commit, changes = (
@@ -105,7 +108,9 @@ def save(
     provenance: Provenance,
     picture: Figure | None = None,
 ) -> HTML:
-    """Save a figure or table under its fixed id; the only way out of a notebook.
+    """Save a figure or table under its fixed id, and return it as shown on the page.
+
+    Every result of a notebook is saved by this function, so that it has caption and provenance.
 
     Parameters
     ----------
@@ -119,7 +124,13 @@ def save(
     provenance
         From `trace`.
     picture
-        The figure, if it is one.
+        Figure that shows the table; it is closed afterwards. None: only the table is saved.
+
+    Raises
+    ------
+    InputError
+        If the id or the table is not as described, the caption is empty, or a file cannot be
+        written.
     """
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", identifier) or not caption.strip():
         raise InputError(f"figure {identifier!r}: write lower-case-words as its id, and a caption.")
@@ -141,7 +152,17 @@ def save(
 
 
 def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> HTML:
-    """Save a notebook's result in one sentence, and its verdicts: every notebook's last call."""
+    """Save a notebook's result and its verdicts; the last call of every notebook.
+
+    Parameters
+    ----------
+    result
+        What was found, in one or two sentences; "nan" becomes "(too few)".
+    verdicts
+        From `kilnflight.project.claims.check`, each claim once.
+    provenance
+        From `trace`.
+    """
     rows = [asdict(verdict) for verdict in verdicts]
     if len({row["id"] for row in rows}) < len(rows):
         raise InputError(f"{provenance.notebook}: a claim is judged twice; judge it once.")
@@ -153,7 +174,12 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
 
 
 def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[str, Any]) -> None:
-    """Write files and an entry of the index, and list them for make."""
+    """Write files by name into the folder of figures, and an entry of its index.json.
+
+    ``part`` is "figures" or "notebooks", ``name`` the key of ``entry`` in it. For make, the files
+    are also listed in a file; the environment variable `SAVED_LIST` of `kilnflight.project.paths`
+    names it.
+    """
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
@@ -169,7 +195,10 @@ def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[s
 
 
 def index() -> dict[str, dict[str, Any]]:
-    """Return the figures that are there and the notebooks that exist, from index.json."""
+    """Return the entries of index.json whose figure or notebook still exists.
+
+    Keys are "figures" (caption, provenance, kind by id) and "notebooks" (result, verdicts by stem).
+    """
     folder, notebooks = paths.figures(), paths.root() / "notebooks"
     file = folder / "index.json"
     known: dict[str, dict[str, Any]] = {"figures": {}, "notebooks": {}}
@@ -183,7 +212,11 @@ def index() -> dict[str, dict[str, Any]]:
 def _drawn(
     picture: Figure, identifier: str, caption: str, provenance: Provenance
 ) -> dict[str, bytes]:
-    """Return a picture as PNG of few bytes and, at full scale, as PDF."""
+    """Return the bytes of a picture by file name: PNG and, at full scale, PDF.
+
+    Resolution and colours fall until the PNG has at most `LARGEST_PNG` bytes. The picture is
+    closed.
+    """
     record = json.dumps(asdict(provenance), sort_keys=True, default=str)
     software = f"kilnflight {provenance.version}"
     draft = provenance.parameters.get("scale", "full") != "full"

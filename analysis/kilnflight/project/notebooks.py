@@ -1,4 +1,4 @@
-"""Execution of a notebook's text (jupytext percent), or one line why it failed.
+"""Execution of a notebook's text (jupytext percent); of a failure it prints one line.
 
     notebooks/NN_name.py -> build/SCALE/NN_name.ipynb
 
@@ -32,6 +32,7 @@ from kilnflight.project.cache import write_whole
 from kilnflight.project.paths import NOTEBOOK, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
+# The parameters cell, and name=value or NN.name=value.
 CELL = re.compile(r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S)
 NAMED = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")
 # no traceback of an interruption; bars of long work go to the terminal
@@ -39,7 +40,10 @@ QUIET = ["--IPKernelApp.log_level=CRITICAL", "--IPKernelApp.capture_fd_output=Fa
 
 
 def known_parameters(path: Path) -> dict[str, object]:
-    """Return the names and default values of a notebook's parameters cell."""
+    """Return the default values in a notebook's parameters cell by name.
+
+    The cell assigns Python literals only. Raises an `InputError` if no cell has that tag.
+    """
     cell = CELL.search(path.read_text("utf-8"))
     if cell is None:
         raise InputError(f'{path}: no cell is tagged parameters; add # %% tags=["parameters"].')
@@ -48,7 +52,7 @@ def known_parameters(path: Path) -> dict[str, object]:
 
 
 def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> dict[str, object]:
-    """Return the parameters that are meant for one notebook.
+    """Return the parameters for one notebook from command-line arguments.
 
     Parameters
     ----------
@@ -56,9 +60,14 @@ def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> d
         ``name=value`` for every notebook, ``NN.name=value`` for notebook NN only; a value is a
         Python literal or else a string.
     stem
-        The notebook, for example ``"02_depth_calibration"``.
+        Stem of the notebook, for example ``"02_depth_calibration"``.
     stems
-        All notebooks.
+        Stems of all notebooks.
+
+    Raises
+    ------
+    InputError
+        If an item has another form, or names a notebook that does not exist.
 
     Examples
     --------
@@ -79,7 +88,11 @@ def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> d
 
 
 def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str, object]) -> None:
-    """Raise an `InputError` for a parameter that the notebook does not know or cannot take."""
+    """Raise an `InputError` if a parameter is unknown or of another type.
+
+    ``known`` holds the defaults by name, whose types count, ``given`` the values. An int is taken
+    where the default is a float. A scale must be one of `SCALES`.
+    """
     for name, value in given.items():
         if name not in known:
             told = f"{stem}: unknown parameter {name!r}; it knows {', '.join(known)}."
@@ -94,6 +107,17 @@ def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str,
 
 def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
     """Execute a notebook in the current directory and write ``<build>/<stem>.ipynb``.
+
+    The names of the figures it saved go to ``<build>/<stem>.saved``, for make.
+
+    Parameters
+    ----------
+    source
+        Text of the notebook (jupytext percent).
+    build
+        Folder of the executed notebook, made if missing.
+    given
+        Values of parameters by name. At scale "quick", ``jobs`` is 1 unless given.
 
     Raises
     ------
@@ -129,7 +153,11 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Execute one notebook (called by make)."""
+    """Execute one notebook (called by make) and return the exit status.
+
+    The parameters are checked for all notebooks of the folder before this one runs. A failure is
+    printed in one line. The status is 1 after an error, 130 after an interruption.
+    """
     parser = ArgumentParser(prog="python -m kilnflight.project.notebooks")
     parser.add_argument("source", type=Path)
     parser.add_argument("--build", type=Path, default=Path("build"))

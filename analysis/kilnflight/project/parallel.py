@@ -1,4 +1,4 @@
-"""Sequence[Any] of work for processes of this machine or a Dask cluster, with the same results.
+"""Work in pieces for processes of this machine or a Dask cluster, with the same results.
 
 joblib's own Dask back end is not used: it works in this process where the cluster has one core,
 and waits for ever where a worker is killed (joblib 1.6).
@@ -25,24 +25,24 @@ from kilnflight.checks import InputError, check_number
 from kilnflight.project import paths
 from kilnflight.project.cache import AGAIN
 
-Make = Callable[..., Any]
+Make = Callable[..., Any]  # computes one piece
 PATIENCE_S = 10.0  # for the scheduler and its first worker to answer
 LOGGED_S = 60.0  # between two states of the bar in a log
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes here or elsewhere.
+    """Processes of this machine or of a Dask cluster that compute pieces of work.
 
     Parameters
     ----------
     jobs
-        Processes of this machine; not used with a scheduler.
+        Number of processes of this machine; not used with a scheduler.
     scheduler
         Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``. Its workers need the same
         kilnflight, and the folders that are read and written under the same names.
     into_logs
-        Whether the bar also goes to a log: every `LOGGED_S`, of work that takes longer.
+        Whether the progress bar is printed if standard error is no terminal, every `LOGGED_S`.
     """
 
     jobs: int = 1
@@ -55,25 +55,26 @@ class Workers:
     def __call__(
         self, make: Make, pieces: Sequence[Any], frames: Sequence[int], label: str, before: int = 0
     ) -> None:
-        """Call ``make`` for every piece, with a bar of frames and the time that is left.
+        """Call ``make(piece)`` for every piece, with a progress bar of frames.
 
         Parameters
         ----------
         make
-            Keeps what it makes on disk; its return value is dropped.
+            Function that stores its result on disk; its return value is dropped.
         pieces
-            Its arguments.
+            Argument of each call.
         frames
-            Frames of each piece.
+            Number of frames in each piece, as many as there are pieces.
         label
-            Of the bar.
+            Text of the bar.
         before
-            Frames that an earlier run finished; they do not count for the time left.
+            Number of frames finished in an earlier run; they do not count for the time left.
 
         Raises
         ------
         InputError
-            If there is no scheduler or a process was killed; or what ``make`` raises.
+            If the scheduler does not answer or a process was killed. Errors of ``make`` are raised
+            as they are.
         """
         finished = self._local if self.scheduler is None else self._cluster
         with tqdm(total=before + sum(frames), initial=before, **self._bar(label)) as bar:
@@ -81,7 +82,7 @@ class Workers:
                 bar.update(frames[k])
 
     def _bar(self, label: str) -> dict[str, Any]:
-        """Return where the bar is shown, and how often."""
+        """Return the options of `tqdm`: where the bar is shown, and how often."""
         options: dict[str, Any] = {"desc": label, "unit": "frame", "smoothing": 0}  # mean rate
         if stem := os.environ.get(paths.NOTEBOOK):  # lines among those of make
             options |= {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
@@ -91,7 +92,10 @@ class Workers:
         return options | dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
 
     def _local(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
-        """Yield the numbers of the pieces that processes of this machine have finished."""
+        """Yield the index of each piece that a process of this machine has finished.
+
+        ``make`` is `_numbered`, which takes the index and the piece.
+        """
         try:
             jobs = min(self.jobs, len(pieces))
             yield from run_all(make, enumerate(pieces), jobs, "generator_unordered")
@@ -99,7 +103,10 @@ class Workers:
             raise InputError(f"a process was killed (out of memory?). {AGAIN}") from error
 
     def _cluster(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
-        """Yield the numbers of the pieces that the cluster has finished."""
+        """Yield the index of each piece that the cluster has finished.
+
+        ``make`` is `_numbered`, which takes the index and the piece.
+        """
         with ExitStack() as stack:
             try:
                 from distributed import Client, KilledWorker, as_completed
@@ -120,7 +127,11 @@ class Workers:
 
 
 def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator") -> Iterator[Any]:
-    """Yield ``make(*piece)`` of every piece, from processes of this machine."""
+    """Yield ``make(*piece)`` of every piece, computed by ``jobs`` processes.
+
+    ``kind`` is joblib's ``return_as``: "generator" keeps the order of the pieces,
+    "generator_unordered" yields results as they finish.
+    """
     with warnings.catch_warnings():  # joblib's when it renews a process that has grown
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         calls = (joblib.delayed(make)(*piece) for piece in pieces)
@@ -128,13 +139,14 @@ def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator
 
 
 def _one_thread() -> None:
-    """Keep OpenCV in a worker from taking the cores of the others."""
+    """Limit OpenCV to one thread, so that other workers keep their cores."""
     import cv2
 
     cv2.setNumThreads(1)
 
 
 def _numbered(make: Make, number: int, piece: object) -> int:
+    """Call ``make(piece)``, free memory and return the piece's index ``number``."""
     make(piece)
     gc.collect()  # joblib takes a process that keeps freed memory for leaking, and renews it
     if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):

@@ -1,4 +1,4 @@
-"""Where the project's folders are; nothing else spells a path."""
+"""Folders of the project; no other module spells their paths."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from pathlib import Path
 
 from kilnflight.checks import InputError
 
-SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
-NOTEBOOK = "KILNFLIGHT_NOTEBOOK"  # the notebook that runs
+# Names of environment variables: file that lists what was saved (for make); running notebook.
+SAVED_LIST = "KILNFLIGHT_SAVED"
+NOTEBOOK = "KILNFLIGHT_NOTEBOOK"
 
 
 def root() -> Path:
-    """Return the project's folder: the one that holds ``data/reference/claims.csv``.
+    """Return the project's folder, which holds ``data/reference/claims.csv``.
 
-    It is KILNFLIGHT_ROOT, else the nearest one above the working directory or this file.
+    It is KILNFLIGHT_ROOT if set, else the nearest one at or above the working directory, else above
+    this file. Raises an `InputError` if none of these holds that file.
     """
     named, here = os.environ.get("KILNFLIGHT_ROOT"), Path.cwd()
     found = [Path(named)] if named else [here, *here.parents, *Path(__file__).resolve().parents]
@@ -28,7 +30,7 @@ def root() -> Path:
 
 
 def reference() -> Path:
-    """Return data/reference: the published numbers and the claims."""
+    """Return data/reference, the folder of published numbers and claims."""
     return root() / "data" / "reference"
 
 
@@ -43,10 +45,10 @@ def external() -> Path:
 
 
 def recordings() -> Path:
-    """Return the folder of belt recordings: KILNFLIGHT_RECORDINGS or that of the authors' data."""
+    """Return the folder of belt recordings: KILNFLIGHT_RECORDINGS or the authors'."""
     return Path(os.environ.get("KILNFLIGHT_RECORDINGS") or external() / "belt_recordings")
 
 
 def derived() -> Path:
-    """Return the folder of kept tables: KILNFLIGHT_DERIVED or data/derived."""
+    """Return the folder of cached tables: KILNFLIGHT_DERIVED or data/derived."""
     return Path(os.environ.get("KILNFLIGHT_DERIVED") or root() / "data" / "derived")

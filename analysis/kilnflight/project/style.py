@@ -1,7 +1,4 @@
-"""The look of a figure: one style, print size, readable in grey.
-
-It is readable by the colour-blind, too.
-"""
+"""The look of all figures: one style, print size, readable in grey and by the colour-blind."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from matplotlib.patches import Circle
 
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
-MARK_MM = 3.0  # height of the strip for `mark`
+MARK_MM = 3.0  # height of the strip below a picture that holds the word of `mark`
 
 # Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
 # lightness; with line style and marker they stay apart in grey.
@@ -79,7 +76,7 @@ def canvas(
     height_mm: float = 60.0,
     **arguments: Any,
 ) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes as a 2D array, in print size.
+    """Return a figure and its axes, an array (rows, columns), in print size.
 
     Parameters
     ----------
@@ -88,7 +85,7 @@ def canvas(
     width_mm, height_mm
         Size on paper; `COLUMN_MM` and `PAGE_MM` are the usual widths.
     **arguments
-        Handed to `matplotlib.pyplot.subplots` (``sharex``, ``sharey`` ...).
+        Arguments of `matplotlib.pyplot.subplots` (``sharex``, ``sharey`` ...).
     """
     with style():
         size = (width_mm / 25.4, height_mm / 25.4)
@@ -100,9 +97,10 @@ def canvas(
 
 
 def mark(picture: Figure, word: str) -> Figure:
-    """Write what the data are below a picture, in a strip of its own at the right; return it.
+    """Write the kind of data below a picture at the right; return the picture.
 
-    Legends of the picture stay above the strip.
+    ``word`` is such as "simulated"; if empty, nothing is written. With a constrained layout, as
+    `canvas` sets it, axes and legends stay above that strip of `MARK_MM`.
     """
     strip = MARK_MM / 25.4 / picture.get_figheight()
     engine = picture.get_layout_engine()
@@ -116,16 +114,19 @@ def mark(picture: Figure, word: str) -> Figure:
 
 
 def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
-    """Draw a frame of the camera, dark parts lifted, axes in pixels of the frame.
+    """Draw the root of a camera frame's grey values, axes in px of the frame.
+
+    The root makes dark parts visible.
 
     Parameters
     ----------
     axes
-        To draw on.
+        Axes to draw on.
     gray
-        (rows, cols) grey values from 0.
+        (rows, cols) grey values, not negative.
     step
-        So many pixels a side are averaged; a page shows no more.
+        Blocks of ``step`` x ``step`` px are averaged, since a page shows no more; incomplete blocks
+        at the right and at the bottom are cut off.
     """
     rows, cols = (length - length % step for length in gray.shape)
     blocks = gray[:rows, :cols].astype(np.float64).reshape(rows // step, step, cols // step, step)
@@ -135,15 +136,15 @@ def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None
 
 
 def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
-    """Draw spots (n, 3), row, col and radius in px, as circles of their size."""
+    """Draw spots (n, 3) with row, col and radius in px as circles of that radius."""
     patches = [Circle((col, row), radius) for row, col, radius in spots]
     axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
 
 
 def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw tracks so that neighbours differ in look.
+    """Draw tracks as lines; successive ones differ in colour and marker.
 
-    The columns are ``particle``, ``frame``, ``row`` and ``col``.
+    ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
     """
     ordered = table.sort_values(["particle", "frame"])
     for k, (_, track) in enumerate(ordered.groupby("particle")):
@@ -152,14 +153,14 @@ def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
-    """Draw box plots from summaries instead of from data.
+    """Draw box plots from their quartiles and whiskers, without outliers.
 
-    The width of each box is given in words.
+    Above each box stands its width, since narrow boxes look like lines.
 
     Parameters
     ----------
     axes
-        Where to; box i is drawn at i.
+        Axes to draw on; box i is at x = i.
     summary
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
@@ -172,13 +173,19 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     options = {"widths": 0.55, "showfliers": False, "boxprops": face, **BOXES}
     axes.bxp(rows, positions=np.arange(len(rows)), **options)
     axes.margins(y=0.12)
-    for i, row in enumerate(rows):  # narrow boxes are lines: say how wide they are
+    for i, row in enumerate(rows):
         axes.text(
             i, row["whishi"], f"{row['q3'] - row['q1']:.2g}", fontsize=6, ha="center", va="bottom"
         )
 
 
 def words(name: str) -> str:
-    """Return a name of the code as a picture has it: ``"RunningGaussian"`` is two words."""
+    """Return a code name as words for a picture.
+
+    Examples
+    --------
+    >>> words("RunningGaussian"), words("dwell_s")
+    ('running Gaussian', 'dwell (s)')
+    """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", re.sub(r"_s\b", " (s)", name))
     return spaced.lower().replace("gaussian", "Gaussian")
