@@ -171,12 +171,15 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
 
 
 class Measurement(NamedTuple):
-    """The tables of all campaigns, with ``fraction`` and ``pressure_bar`` in front."""
+    """The tables of all campaigns, with ``fraction`` and ``pressure_bar`` in front.
 
-    tracks: pd.DataFrame
-    trajectories: pd.DataFrame
-    flights: pd.DataFrame
-    slices: pd.DataFrame
+    Each field bears the name of the step of `kilnflight.kiln.KilnRun` that makes it.
+    """
+
+    tracks: pd.DataFrame  # detections in the air with ``particle``, the track; -1: none
+    trajectories: pd.DataFrame  # kilnflight.tables.TRAJECTORIES
+    flights: pd.DataFrame  # kilnflight.tables.FLIGHTS
+    slices: pd.DataFrame  # kilnflight.tables.SLICES
 
 
 def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
@@ -227,8 +230,8 @@ class Results(NamedTuple):
 
     campaigns: list[Campaign]
     tables: Measurement
-    measured: dict[CampaignKey, FlightValues]
-    true: dict[CampaignKey, FlightValues]
+    measured: dict[CampaignKey, FlightValues]  # of the `counted_flights`
+    true: dict[CampaignKey, FlightValues]  # of the `whole_flights`
 
 
 def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
@@ -249,7 +252,10 @@ def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
 
 
 def twin_of(campaign: Campaign) -> Twin:
-    """Return the recording of a campaign, with its truth."""
+    """Return the simulated recording of a campaign, with its truth.
+
+    Raises an `InputError` if the recording is not simulated.
+    """
     recording = campaign.run.detection.source.recording()
     if not isinstance(recording, Twin):
         raise InputError(f"{recording.attributes.name}: its truth is not known; use the twin.")
@@ -266,7 +272,10 @@ def true_positions(campaign: Campaign) -> pd.DataFrame:
 
 
 def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
-    """Return which true flights (n,) begin and end within the frames of a campaign."""
+    """Return whether true flights begin and end within the frames, (n,).
+
+    The mask (n,) has the order of ``twin_of(campaign).life.flights``.
+    """
     twin, frames = twin_of(campaign), campaign.frames
     release = twin.life.release_s * twin.scene.frame_rate_hz
     over = release + twin.life.flights.end_s * twin.scene.frame_rate_hz

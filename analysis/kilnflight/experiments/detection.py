@@ -95,16 +95,16 @@ class Subset(NamedTuple):
 def labelled_subsets(
     scale: str, seed: int = 0, frames: int = 0, scenario: str = "base"
 ) -> list[Subset]:
-    """Return the subsets of a scale, each with its first labelled frames.
+    """Return the simulated subsets of a scale with their first labelled frames.
 
     Parameters
     ----------
     scale
-        A key of `SUBSETS`.
+        "quick" (two subsets), "standard" (three) or "full" (five).
     seed
         Seed of the scenes.
     frames
-        Labelled frames of each subset; 0: as many as in `FRAMES`.
+        Number of labelled frames of each subset; 0: as many as in `FRAMES`.
     scenario
         One of `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """

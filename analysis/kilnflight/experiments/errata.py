@@ -101,7 +101,10 @@ def recomputed_rates(table: str) -> pd.DataFrame:
 
 
 def check_rates() -> Iterator[Check]:
-    """Check every precision, recall and F1 of Tables 5.5-5.14 against TP, FP, FN."""
+    """Check precision, recall and F1 of `RATE_TABLES` against TP, FP and FN.
+
+    Yields one `Check` per printed rate. `RATE_CONSEQUENCES` tells which wrong ones matter.
+    """
     for table in RATE_TABLES:
         exact = recomputed_rates(table)
         for (name, values), (_, row) in zip(
@@ -116,7 +119,10 @@ def check_rates() -> Iterator[Check]:
 
 
 def check_sums() -> Iterator[Check]:
-    """Check sums over subsets and classes, shares, and Table 5.2 against Table 5.3."""
+    """Check the sums over subsets and classes in Tables 5.2 to 5.14, and shares.
+
+    The row "Total" of four tables must be the sum of the other rows.
+    """
     for table in ("5.5", "5.6", "5.13", "5.14"):
         printed = printed_rates(table)[COUNTS].T
         sums = printed.drop(columns="Total").astype(float).sum(axis=1)

@@ -215,7 +215,7 @@ def beside_printed(values: Values, generator: np.random.Generator) -> pd.DataFra
 def agrees(low: float, high: float, text: str, ours: Interval) -> bool | None:
     """Return whether a measured outcome agrees with the print; None if open.
 
-    It is undecided if the text has no number (`VAGUE`), the sample is too small for an interval,
+    It is open if the text has no number (`VAGUE`), the sample is too small for an interval,
     or the measured number is outside the bounds but its interval is not. Without a measured number
     the answer is False.
 
