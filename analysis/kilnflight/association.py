@@ -11,7 +11,9 @@ associator         equation                    default, none of them printed
 `JPDA`             2.57 to 2.64, 4.10 to 4.13  P_D 0.9, a_0 0.01
 =================  ==========================  ==================================
 
-Column 0 is "missed". Rows sum to 1, of 0 and 1 (`NearestNeighbor`, `GNN`) or of probabilities.
+C_NA is the cost of a missed track (non-assignment), a_0 the weight of a difference in 3D points,
+P_D the probability of detection. Column 0 is "missed", column 1 + j is detection j. Rows sum to 1,
+of 0 and 1 (`NearestNeighbor`, `GNN`) or of probabilities.
 A track with an empty gate is missed with weight 1.
 """
 
@@ -32,9 +34,13 @@ from kilnflight.checks import InputError, check_finite, check_number, check_shap
 
 
 class Pairs(NamedTuple):
-    """Gated pairs of n tracks and m detections of one frame, in d dimensions of the image."""
+    """Gated pairs of n tracks and m detections of one frame, in d dimensions.
 
-    distance_squared: Array  # (n, m) squared Mahalanobis distance; inf outside the gate
+    Lengths are px in the kiln (d = 2) and mm on the belt. `kilnflight.tracking.filter.Gate` makes
+    them; associators read them only.
+    """
+
+    distance_squared: Array  # (n, m) squared Mahalanobis distance d^2; inf outside the gate
     log_determinant: Array  # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
     size_difference: Array  # (n, m) |N_d - N_p|, 3D points (Eq. 4.9); 0 where unknown
     gate_area: Array  # (n,) V(i), of the elliptical gate in px^2 (Eq. 4.13); a volume if d is 3
@@ -45,15 +51,17 @@ class Pairs(NamedTuple):
 
 
 Associator = Callable[[Pairs], Array]  # weights (n, 1 + m); column 0 = missed
-_Orders = list[tuple[list[int], float]]  # of groups: vertices, number of states
+_Orders = list[tuple[list[int], float]]  # per group: vertices in order, number of table entries
 
 
 @dataclass(frozen=True)
 class GNN:
     """Find the assignment of least global cost (Eqs 2.49 and 4.9).
 
-    Each track has a column of its own, which costs C_NA. This gives the optimum of the thesis's
-    square problem without a large C. A pair of exactly C_NA is taken.
+    Global nearest neighbour, one of the two trackers of the thesis (Table 5.17). A missed track
+    costs C_NA, the cost of non-assignment. Each track has a column of its own for it, so the
+    optimum of the thesis's square cost matrix needs no large C (Eq. 2.50). A pair is impossible
+    above C_NA; a pair of exactly C_NA is taken (section 4.1.3).
     """
 
     # a_0, per 3D point: 100 points weigh as one unit of squared distance. In the twin half of the
@@ -69,15 +77,20 @@ class GNN:
         check_number(self.nonassignment_cost, f"{type(self).__name__}: nonassignment_cost")
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return the optimal weights (n, 1 + m) of 0 and 1; column 0 = missed."""
+        """Return the optimal weights (n, 1 + m) of 0 and 1.
+
+        Column 0 = missed, column 1 + j = detection j.
+        """
         costs = self._costs(pairs)
         return one_hot(assign(costs, np.full(len(costs), self.nonassignment_cost)), costs.shape[1])
 
     def _costs(self, pairs: Pairs) -> Array:
-        """Return the cost (n, m) of each pair by Eq. 4.9, without unit.
+        """Return the cost (n, m) of each pair, without unit (Eq. 4.9).
 
-        It is d^2 + ln |S| + a_0 times the difference in 3D points, and inf outside the gate and
-        above C_NA. Eq. 4.9 prints P; d^2 is measured in S, so S is taken, as in Eq. 2.50.
+        It is inf outside the gate and above C_NA. Else it is ``d^2 + ln |S| + a_0 |N_d - N_p|``.
+        N_d and N_p are the numbers of 3D points of the detection and, as last known, of the track.
+        Eq. 4.9 prints ``ln |P|``, P the covariance of the state, but takes the term from Eq. 2.50:
+        ``ln |S|``, S the residual covariance. d^2 is measured in S, too.
         """
         costs = pairs.distance_squared + pairs.log_determinant[:, None]
         costs += self.size_weight * pairs.size_difference
@@ -86,19 +99,21 @@ class GNN:
 
 @dataclass(frozen=True)
 class NearestNeighbor(GNN):
-    """Give each track its nearest detection.
+    """Give each track its nearest detection (section 2.3.2).
 
-    "Nearest" is the least cost of Eq. 4.9; its ln |S| is a penalty for wide gates. Of two tracks
-    with the same nearest detection the nearer one takes it. The other is missed, without a second
-    choice (Fig. 2.20, middle). At equal cost the first track and the first detection win.
+    "Nearest" is the least cost of Eq. 4.9 with a_0 = 0; its ``ln |S|`` is a penalty for wide gates.
+    Where several tracks have the same nearest detection, the pair of least cost takes it. The
+    other tracks are missed: they get no second choice (T_2 in Fig. 2.20, middle). At equal cost the
+    first track and the first detection win; the thesis does not say.
     """
 
-    size_weight: float = 0.0  # section 2.3.2 knows no size
+    size_weight: float = 0.0  # a_0; section 2.3.2 does not use the size
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m) of 0 and 1, at most one detection a track.
+        """Return weights (n, 1 + m) of 0 and 1, at most one detection per track.
 
-        Column 0 = missed. Detections outside the gate or above C_NA are never taken.
+        Column 0 = missed, column 1 + j = detection j, given to at most one track. Pairs outside the
+        gate or above C_NA, the cost of non-assignment, are impossible.
         """
         costs = np.column_stack([np.full(len(pairs.expected), np.inf), self._costs(pairs)])
         nearest = costs.argmin(axis=1) - 1  # -1: none is possible
@@ -111,11 +126,12 @@ class NearestNeighbor(GNN):
 
 @dataclass(frozen=True)
 class PDA:
-    """Weight the detections of each track alone (Eqs 4.10 to 4.13).
+    """Weight the detections of each track on its own (Eqs 4.10 to 4.13).
 
-    Taken is e_j = exp(-(d^2 + a_0 |N_d - N_p|) / 2), the source's form [47]. As printed, the
-    determinant enters twice, and e_j against b is not free of units. The second line of Eq. 4.10
-    prints "i = 0" for no detection, j = 0. m(i) counts the whole gate, depth included.
+    Eq. 4.11 prints e_j = exp(-c / 2) with the cost c of Eq. 4.9. Here c is without ``ln |S|``, as
+    in the source [47]: b of Eq. 4.12 has the determinant already, and e_j / b would have a unit. In
+    the second line of Eq. 4.10 "i = 0" means j = 0, no detection. m(i) of Eq. 4.13 counts the
+    detections within both limits of the gate, in the image and in depth.
     """
 
     # P_D, "appropriately large": a little above the detector's recall of 0.86 (Table 5.11).
@@ -128,14 +144,18 @@ class PDA:
         check_number(self.size_weight, f"{name}: size_weight", least=0)
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m); rows sum to 1, column 0 = missed."""
+        """Return the weights beta (n, 1 + m) of Eq. 4.10.
+
+        Rows sum to 1. Column 0 = missed, column 1 + j = detection j.
+        """
         log_e, log_b = self._logs(pairs)
         return softmax(np.column_stack([log_b, log_e]), axis=1)
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
-        """Return ln e_j (n, m) and ln b (n,) of Eqs 4.11 to 4.13.
+        """Return the log weights ln e_j (n, m) of pairs and ln b (n,) of missed tracks.
 
-        Outside the gate ln e_j is -inf. With an empty gate, a certain miss, ln b is 0.
+        Eqs 4.11 to 4.13. Outside the gate ln e_j is -inf. With an empty gate the track is missed
+        for certain; ln b is then 0, since any finite value gives weight 1.
         """
         log_e = -0.5 * (pairs.distance_squared + self.size_weight * pairs.size_difference)
         p_d, p_g = self.detection_probability, pairs.gate_probability
@@ -149,31 +169,38 @@ class PDA:
 
 @dataclass(frozen=True)
 class JPDA(PDA):
-    """Weight detections jointly: each belongs to at most one track.
+    """Weight detections jointly: each belongs to at most one track (Eq. 2.64).
 
-    `joint_probabilities` sums over all joint events, Eq. 2.64. Groups of more than 2^20 states are
-    thinned with a warning (15 tracks that all share 31 detections). The weight of an event, open
-    in section 4.1.3, is the product of e_j of its pairs and b of its missed tracks. This equals
-    `PDA` where no detection is shared.
+    The weight of a joint event, open in section 4.1.3, is the product of e_j of its pairs and b of
+    its missed tracks. This equals `PDA` where no detection is shared. `joint_probabilities` sums
+    over all joint events. Tracks that share detections form a group. Above 2^20 table entries (15
+    tracks that all share 31 detections) a group loses its weakest pairs, with a warning.
     """
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m); rows sum to 1, column 0 = missed."""
-        return _marginals(*self._logs(pairs), 2**20)  # states; 0.1 s a frame
+        """Return the weights (n, 1 + m), summed over all joint events.
+
+        Rows sum to 1. Column 0 = missed, column 1 + j = detection j.
+        """
+        return _marginals(*self._logs(pairs), 2**20)  # table entries; 0.1 s a frame
 
 
 def one_hot(detection: Integers, detections: int) -> Array:
-    """Return weights (n, 1 + m) of one detection per track, or none (-1)."""
+    """Return weights (n, 1 + m) of 0 and 1 for one detection per track.
+
+    ``detection`` (n,) is an index below m = ``detections``, or -1: missed, column 0.
+    """
     weights = np.zeros((len(detection), 1 + detections))
     weights[np.arange(len(detection)), 1 + detection] = 1.0
     return weights
 
 
 def assign(cost: Array, missed: Array) -> Integers:
-    """Return each track's detection (n,) at the least cost, -1: none.
+    """Return the detection (n,) of each track at the least total cost; -1: none.
 
-    ``cost`` is (n, m), inf where a pair is impossible, ``missed`` (n,) that of a missed track.
-    At equal cost a track takes the first detection rather than none (section 2.3.2).
+    ``cost`` (n, m) is that of a pair, inf if impossible; ``missed`` (n,) is that of a track without
+    detection. Costs may be negative. At equal cost a track takes a detection rather than none, as
+    only costs above C_NA exclude a pair (section 4.1.3). ``ValueError``: no assignment is possible.
     """
     tracks, detections = cost.shape
     alone = np.where(np.eye(tracks, dtype=np.bool_), missed, np.inf)
@@ -184,7 +211,7 @@ def assign(cost: Array, missed: Array) -> Integers:
 def joint_probabilities(
     likelihood: npt.ArrayLike, nonassignment: npt.ArrayLike, most_states: int = 2**25
 ) -> Array:
-    """Return each track's probabilities over all joint events (Eq. 2.64).
+    """Return the probability of each pair, summed over all joint events (Eq. 2.64).
 
     The weight of a joint event is the product of the likelihoods of its pairs and of the
     nonassignment of its missed tracks. Each detection is in at most one pair.
@@ -192,17 +219,19 @@ def joint_probabilities(
     Parameters
     ----------
     likelihood
-        (tracks, detections), 0 outside the gate, on any scale common to a track's row.
+        (n, m) likelihood of each track's pairs with m detections; 0 outside the gate. A track's
+        row and its nonassignment may have any common scale.
     nonassignment
-        (tracks,) weight of a track without detection; 0 if it must have one.
+        (n,) weight of a track without detection; 0 if it must have one.
     most_states
-        Limit of the tables of one group, 8 bytes each; 20 tracks that share 20 detections fit.
-        Above it the weakest pairs are left out, with a warning.
+        Limit of table entries per group of tracks that share detections, 8 bytes each. Twenty
+        tracks that share 20 detections fit. Above it the weakest pairs are left out, with a
+        warning.
 
     Returns
     -------
     ndarray
-        (tracks, 1 + detections); rows sum to 1, column 0 = missed.
+        (n, 1 + m) probabilities; rows sum to 1. Column 0 = missed, column 1 + j = detection j.
 
     Raises
     ------
@@ -224,10 +253,12 @@ def joint_probabilities(
 
 
 def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int) -> Array:
-    """Return `joint_probabilities` of logarithms (-inf for 0).
+    """Return `joint_probabilities` (n, 1 + m) from logarithms (-inf for 0).
 
-    Tracks and, after them, detections are vertices of a graph. ``weights`` holds its edges, the
-    pairs whose detection several tracks can have, and on the diagonal the vertices alone.
+    Arguments are (n, m), (n,) and a limit of table entries. The n tracks and, after them, the m
+    detections are vertices of a graph. ``weights`` (n + m, n + m) holds the pairs whose detection
+    several tracks can have, and on its diagonal the weight of each vertex without such a pair.
+    ``chances``, of the same shape, holds their probabilities.
     """
     pairs, missed, unused, best = _scaled(log_likelihood, log_nonassignment)
     pairs, orders = _thinned(pairs, unused, best, most_states)
@@ -246,10 +277,12 @@ def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int
 
 
 def _scaled(log_pairs: Array, log_missed: Array) -> tuple[Array, Array, Array, Integers]:
-    """Return weights scaled by the best joint event, and that event.
+    """Return weights scaled so that the best joint event has weight 1, and that event.
 
-    Factors are the dual prices of the best event (Bellman and Ford). Its weights become 1, and no
-    weight is above 1: nothing overflows, and what underflows does not count.
+    Weights are of pairs (n, m), of missed tracks (n,) and of unused detections (m,). The event is
+    the detection (n,) of each track, -1: none. Factors are the dual prices of the best assignment
+    (Bellman and Ford); they leave probabilities unchanged. No weight exceeds 1, so none overflows,
+    and weights that underflow are negligible.
     """
     try:
         best = assign(-log_pairs, -log_missed)
@@ -268,15 +301,21 @@ def _scaled(log_pairs: Array, log_missed: Array) -> tuple[Array, Array, Array, I
 
 
 def _shared(pairs: Array, unused: Array) -> Flags:
-    """Return the pairs (n, m) whose detection several tracks can have.
+    """Return the pairs (n, m) that need a table of joint events.
 
-    A detection that only one can have needs no table, unless its weight unused is below 1.
+    These are pairs whose detection several tracks can have. A single track's detection needs none
+    if its weight ``unused`` (m,) is 1: the pair then depends on no other.
     """
     return (pairs > 0) & (((pairs > 0).sum(axis=0) > 1) | (unused < 1.0))
 
 
 def _orders(pairs: Array, unused: Array) -> _Orders:
-    """Return the order in which the vertices of each group leave, and its number of states."""
+    """Return the elimination order of each group's vertices, and its table entries.
+
+    A group is a connected part of the graph of `_shared` pairs (n, m). Vertices below n are tracks,
+    the others detections. Large groups are tried from eight more starts, as the size of the tables
+    depends on the order; the smallest is kept.
+    """
     near: dict[int, set[int]] = {}
     for track, detection in np.argwhere(_shared(pairs, unused)).tolist():
         near.setdefault(track, set()).add(len(pairs) + detection)
@@ -293,10 +332,11 @@ def _orders(pairs: Array, unused: Array) -> _Orders:
 
 
 def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
-    """Return the order in which the vertices of one group leave, and its number of states.
+    """Return a greedy elimination order of a group's vertices, and its table entries.
 
-    Next leaves the vertex by which the frontier grows least. The frontier are the vertices that
-    have lost a neighbour.
+    ``near`` holds each vertex's neighbours. The vertex removed next is the one by which the
+    frontier grows least. The frontier are the remaining vertices with a removed neighbour; a table
+    has 2^size(frontier) entries.
     """
     order, frontier, candidates, states = list[int](), set[int](), {start}, 0.0
     while candidates:
@@ -310,11 +350,12 @@ def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
 
 
 def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
-    """Write a group's probabilities: of pairs, and on the diagonal of none.
+    """Write the probabilities of one group's pairs into ``chances`` (n + m, n + m).
 
-    Vertices leave the graph one by one: alone, or matched with a neighbour that is still there.
-    A table has an axis for each frontier vertex (0: free, 1: matched) and holds the summed weight
-    of the events so far. A second pass, backwards, has the weight of all that can follow.
+    ``weights`` and ``chances`` hold pairs and, on the diagonal, vertices without a pair. Vertices
+    are removed in ``order``: unmatched, or matched with a remaining neighbour. The table has an
+    axis for each frontier vertex (0: free, 1: matched) and holds the summed weight of the partial
+    events. A backward pass multiplies it by the weight of all their completions.
     """
     table, frontier, steps = np.ones(()), list[int](), list[Any]()
     for k, vertex in enumerate(order):
@@ -348,9 +389,11 @@ def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
 
 
 def _thinned(pairs: Array, unused: Array, best: Integers, most: int) -> tuple[Array, _Orders]:
-    """Return the pairs without the weakest of dense groups, and `_orders`.
+    """Return the pairs (n, m) without the weakest of large groups, and the orders.
 
-    Those of the best event go last.
+    Pairs are set to 0, a thirtieth at a time, until no group in `_orders` has more than ``most``
+    table entries. Pairs of the ``best`` event (n,) are removed last, so that an event remains
+    possible.
     """
     kept, orders = pairs.copy(), _orders(pairs, unused)
     strength = pairs + (best[:, None] == np.arange(pairs.shape[1]))

@@ -43,7 +43,8 @@ NO_ROWS: Integers = np.zeros(0, np.intp)
 class Motion:
     """Motion in d dimensions whose highest derivative is constant but for white noise.
 
-    The noise is continuous, so two steps of one frame equal one step of two frames.
+    A state has k = d times the number of ``spreads`` entries. The noise is continuous, so two steps
+    of one frame equal one step of two frames.
 
     Parameters
     ----------
@@ -53,7 +54,8 @@ class Motion:
         Standard deviations of a measurement (px), of a new track's velocity (px/frame) and, if
         given, of its acceleration (px/frame^2).
     noise
-        Root of the density of the white noise.
+        Root of the density of the white noise: px/frame^1.5 of an acceleration, px/frame^2.5 of a
+        jerk.
     """
 
     velocity: tuple[float, ...]
@@ -69,28 +71,31 @@ class Motion:
         check_number(self.noise, "motion: noise", above=0, most=1e30)
 
     def transition(self, frames: float) -> Array:
-        """Return F (k, k) over a number of frames (Eq. 4.4)."""
+        """Return the transition matrix F (k, k) over a number of frames (Eq. 4.4)."""
         powers = [frames**k / math.factorial(k) for k in range(len(self.spreads))]
         block = toeplitz(np.eye(1, len(powers))[0], powers)
         return np.asarray(np.kron(block, np.eye(len(self.velocity))), dtype=np.float64)
 
     def process_noise(self, frames: float) -> Array:
-        """Return Q (k, k), the white noise over a number of frames."""
+        """Return the covariance Q (k, k) of the white noise over a number of frames."""
         order, axes, density = len(self.spreads), len(self.velocity), self.noise**2
         noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
         return np.asarray(noise, dtype=np.float64)
 
     def measurement(self) -> Array:
-        """Return H (d, k) of section 4.1.4, which selects the positions."""
+        """Return the measurement matrix H (d, k), which selects positions (sec. 4.1.4)."""
         axes = len(self.velocity)
         return np.eye(axes, axes * len(self.spreads))
 
     def measurement_noise(self) -> Array:
-        """Return R (d, d), equal for all axes."""
+        """Return the covariance R (d, d) of a measurement in px^2, equal for all axes."""
         return self.spreads[0] ** 2 * np.eye(len(self.velocity))
 
     def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, k) and covariances (n, k, k) of new tracks at (n, d)."""
+        """Return states (n, k) and covariances (n, k, k) of new tracks.
+
+        ``positions`` (n, d) are those of their first detections, px.
+        """
         axes, count = len(self.velocity), len(positions)
         variance = np.repeat(np.square(self.spreads), axes)
         state = np.zeros((count, len(variance)))
@@ -104,9 +109,9 @@ def ConstantVelocity(  # noqa: N802  named as the model
     acceleration_noise: float = 1.0,  # px/frame^1.5: 1 px/frame in a frame
     measurement_sd: float = 2.0,  # px: centroid of a tumbling sheet, 1 to 3
 ) -> Motion:
-    """Return uniform motion with white noise of the acceleration.
+    """Return uniform motion with white noise of the acceleration (Eqs 4.1 to 4.5).
 
-    Eqs 4.1 to 4.5 of the thesis; Eq. 4.5 prints no Q.
+    Eq. 4.5 prints no Q. The thesis takes the motion between two frames as uniform (section 2.3.1).
     """
     return Motion(velocity, (measurement_sd, velocity_sd), acceleration_noise)
 
@@ -120,8 +125,8 @@ def ConstantAcceleration(  # noqa: N802  named as the model
 ) -> Motion:
     """Return uniform acceleration with white noise of the jerk.
 
-    The belt's motion, 2016 and 2020 papers. A new track has acceleration 0 with standard deviation
-    ``acceleration_sd``.
+    This is the motion model of the belt papers of 2016 and 2020. A new track has acceleration 0
+    with standard deviation ``acceleration_sd``.
     """
     return Motion(velocity, (measurement_sd, velocity_sd, acceleration_sd), jerk_noise)
 
@@ -129,7 +134,7 @@ def ConstantAcceleration(  # noqa: N802  named as the model
 def predict(
     state: Array, covariance: Array, transition: Array, process_noise: Array
 ) -> tuple[Array, Array]:
-    """Return state (n, k) and covariance (n, k, k) of all tracks one step later.
+    """Return the state (n, k) and covariance (n, k, k) of all tracks one step later.
 
     F and Q, (k, k), are the same for all tracks.
 
@@ -143,7 +148,11 @@ def predict(
 
 
 def residual_covariance(covariance: Array, measurement: Array, noise: Array) -> Array:
-    """Return S = H P H' + R, (n, d, d), of covariances (n, k, k)."""
+    """Return the residual covariance S = H P H' + R, (n, d, d) in px^2.
+
+    P is ``covariance`` (n, k, k), H ``measurement`` (d, k) and R ``noise`` (d, d). The gate and the
+    association measure distances in S.
+    """
     return _symmetric(measurement @ covariance @ measurement.T + noise)
 
 
@@ -155,7 +164,7 @@ def update(
     weights: Array,
     measurement: Array,
 ) -> tuple[Array, Array]:
-    """Return state and covariance after the detections of one frame.
+    """Return the state (n, k) and covariance (n, k, k) after one frame's detections.
 
     Parameters
     ----------
@@ -164,7 +173,7 @@ def update(
     factor
         Cholesky factors L (n, d, d) of their residual covariances, `Pairs.factor`.
     positions
-        Detections in this frame, (m, d).
+        Detections in this frame, (m, d) in px.
     weights
         (n, 1 + m), rows sum to 1; column 0 is "missed". A one-hot row is the textbook update (Eqs
         2.46-2.48). Weight 1 on "missed" returns the prediction bit by bit.
@@ -202,22 +211,23 @@ def _symmetric(matrices: Array) -> Array:
 
 
 class Detected(NamedTuple):
-    """Detections of one frame."""
+    """Detections of one frame, m in number and in d dimensions."""
 
-    positions: Array  # (m, d), px
+    positions: Array  # (m, d), px; on the belt mm
     depth_mm: Array | None = None  # (m,), NaN: no depth
     points: Array | None = None  # (m,), number of 3D points; NaN: unknown
-    frame: int = 0
-    span: float = 1.0  # time since the frame before, in the units of the motion
-    rows: Integers = NO_ROWS  # (m,), positions of the rows in the table of detections
+    frame: int = 0  # its number
+    span: float = 1.0  # since the `Detected` before, in the unit of the motion: frames, or s (belt)
+    rows: Integers = NO_ROWS  # (m,), row numbers in the table of detections
 
 
 @dataclass(frozen=True)
 class Gate:
     """Limit the distance of detections from a track (Eq. 4.8).
 
-    The gate is an elliptical cylinder (Fig. 4.2): both distances are strictly below their limits.
-    With ``distance`` 0 no pair passes.
+    The gate is an elliptical cylinder (Fig. 4.2). A pair is inside if its Mahalanobis distance in
+    the image and its difference in depth are both strictly below their limits. With ``distance`` 0
+    no pair passes.
 
     Notes
     -----
@@ -229,7 +239,7 @@ class Gate:
     track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3). JPDA's is "smaller
     than GNN" (section 5.2.3), by how much is not printed. ``depth_mm`` is the only step in depth
     that is printed, z_eps of Table 5.16. It holds for a gap of any length, since the error of the
-    depth outweighs the motion. Pairs of unknown depth pass.
+    depth outweighs the motion. A pair without depth on either side is judged in the image alone.
     """
 
     distance: float = 4.0  # d_ij,eps, in standard deviations; not printed
@@ -248,10 +258,10 @@ class Gate:
         depth_mm: Array | None = None,
         points: Array | None = None,
     ) -> Pairs:
-        """Return all pairs of n tracks and m detections, inf where outside the gate.
+        """Return the distances of all pairs of n tracks and m detections.
 
-        A pair is inside if its Mahalanobis distance is below ``distance`` and its difference in
-        depth below ``depth_mm``. A depth that is not known passes.
+        Every pair is an entry (n, m); those outside the gate have an infinite distance. A pair
+        whose depth is unknown on either side is judged by its distance in the image alone.
 
         Parameters
         ----------
@@ -261,7 +271,16 @@ class Gate:
         detected
             The m detections of the frame.
         depth_mm, points
-            (n,) last known depth and number of 3D points of each track; NaN: unknown.
+            (n,) last known depth and number of 3D points of each track; NaN: unknown. None: unknown
+            for all.
+
+        Returns
+        -------
+        Pairs
+            By pair (n, m): squared Mahalanobis distance, inf outside the gate, and difference in 3D
+            points, 0 outside or where unknown. By track: ``ln |S|`` (n,), area V of the gate (n,),
+            the predictions (n, d), S and its Cholesky factor (n, d, d). One number: P_G, the
+            probability of a detection within the ellipse. Associators and `update` need these.
 
         Raises
         ------
@@ -291,7 +310,10 @@ class Gate:
 
 
 def _differences(tracks: Array | None, detections: Array | None, shape: tuple[int, ...]) -> Array:
-    """Return absolute differences (n, m), NaN where either is unknown."""
+    """Return absolute differences (n, m) of tracks (n,) and detections (m,).
+
+    NaN where either is unknown. ``shape`` is (n, m).
+    """
     if tracks is None or detections is None:
         return np.full(shape, np.nan)
     return np.abs(tracks[:, None] - detections)

@@ -36,13 +36,16 @@ ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `lay
 
 
 class Step(NamedTuple):
-    """Detections, gated pairs, weights and tracks of one frame."""
+    """Detections, gated pairs, weights and tracks of one frame.
+
+    The frame has m detections; n tracks reach it.
+    """
 
     detected: Detected
     pairs: Pairs  # of the n tracks that live and the m detections
     weights: Array  # (n, 1 + m)
-    particle: Integers  # (m,), the track of each detection, old or new; -1: none
-    owner: Integers  # (m,), the row of ``weights`` of the track recorded with it; -1: none
+    particle: Integers  # (m,), id of the track of each detection, old or new; -1: none
+    owner: Integers  # (m,), row of ``weights``: the old track recorded with it; -1: none
     tracks: Tracks  # the n tracks after the update, then the new ones
 
 
@@ -50,7 +53,9 @@ class Step(NamedTuple):
 class Management:
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 
-    Detections that no track has used start new tracks.
+    A track ends if its visibility, recorded detections by frames of life, is below ``visibility``,
+    or if it was missed in more than ``invisible`` frames in a row. Detections that no track has
+    used start new tracks.
 
     Notes
     -----
@@ -75,13 +80,13 @@ class Management:
         check_number(self.used, "Management: used", least=0, most=1)
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
-        """Return whether each track lives on in ``frame``."""
+        """Return whether each of n tracks lives on in ``frame``, (n,)."""
         age = frame - tracks["born"]
         seldom = (age >= self.visibility_age) & (tracks["visible"] < self.visibility * age)
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-# Weights (n, 1 + m), extra columns of tracks, and of each detection in case it starts one.
+# Weights (n, 1 + m), extra columns (n,) of tracks, and (m,) of detections if they start one.
 Associate = Callable[[Tracks, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
 Keeps = Callable[[Tracks, int], Flags]  # which tracks live on in a frame
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
@@ -94,7 +99,7 @@ def track(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
 ) -> pd.DataFrame:
-    """Return ``detections`` with the column ``particle``.
+    """Return ``detections`` with the column ``particle``, the number of the track.
 
     Tracks are numbered 0, 1, ... in order of birth.
 
@@ -111,11 +116,11 @@ def track(
     -------
     table
         The same rows in the same order, with the same index. A detection that no other
-        follows is a track of its own. With probabilities, a row holds the recorded position of its
-        track: row, col, x, y, z are weighted means of the detections in the gate, other columns
-        are those of the heaviest. Detections that a track has used, and did not record, have
+        follows is a track of its own. Detections that a track has used, and did not record, have
         ``particle`` -1. Rows that come with -1 stay so and are left out; any other particle is
-        overwritten.
+        overwritten. With `PDA` or `JPDA`, a row holds the recorded position of its track: row,
+        col, x, y, z are weighted means of the detections in the gate, other columns are those of
+        the row itself.
 
     Raises
     ------
@@ -126,11 +131,11 @@ def track(
     Notes
     -----
     "JPDA computes the average coordinates of all detections within the gate as the temporal
-    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). So a track is there if all
-    its detections together outweigh "missed" (Eq. 4.10). The row of the table that holds its
-    place is that of its heaviest detection, or of another one that alone beats "missed". A
-    detection that more probably belongs to some track than to none goes to the track it weighs
-    most for. Largest weight first; a track or detection that is taken is passed over.
+    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). Here a track is recorded in a
+    frame if all its detections together outweigh "missed" (Eq. 4.10), in the row of its heaviest
+    detection. It may also take a row whose detection alone outweighs "missed". A third kind of row
+    belongs to some track with a probability above 0.5 and to this one with the largest. Pairs are
+    taken by descending weight; each track and each detection is taken once.
 
     Within a frame, detections are sorted by row, col, z, points, so neither tracks nor ids
     depend on the order of the table.
@@ -151,9 +156,10 @@ def track(
 def _averaged(
     detections: pd.DataFrame, shared: Sequence[tuple[Integers, Integers, Array]]
 ) -> pd.DataFrame:
-    """Return the table with weighted means where tracks share detections.
+    """Return the table with weighted mean positions where a track used several rows.
 
-    Of each frame the rows (n,) that hold a mean, those (m,) it is of, and their weights (n, m).
+    ``shared`` has, per frame, the k rows (k,) that get a mean, the m rows of its detections (m,),
+    and the weights (k, m). Means are of row, col, x, y, z; an unknown value has no weight.
     """
     if not shared:
         return detections
@@ -176,7 +182,7 @@ def steps(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
 ) -> Iterator[Step]:
-    """Yield the `Step` of each frame with detections, which `track` writes into a table.
+    """Yield the `Step` of each frame with detections; `track` makes a table of them.
 
     Parameters
     ----------
@@ -194,9 +200,10 @@ def steps(
 def _read(table: pd.DataFrame) -> Iterator[Detected]:
     """Yield the detections of each frame that has any, by ascending frame.
 
-    Rows of particle -1 are left out. Within a frame they are sorted by row, col, z, points: tracks
-    do not depend on the order of the table. ``span`` is the number of frames since the last one
-    with detections. A z or a number of points that is not known is NaN.
+    Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in px in place
+    of row, col is renamed. ``span`` is the number of frames since the last frame with detections, 0
+    in the first one. Unknown z and points are NaN. Within a frame, detections are sorted by row,
+    col, z, points: ids of new tracks and ties then do not depend on the order of the table.
     """
     where = TO_TRACK.name
     table = with_pixels(table)
@@ -227,7 +234,10 @@ def _read(table: pd.DataFrame) -> Iterator[Detected]:
 
 
 def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dtype[np.void]:
-    """Return the columns of `Tracks`."""
+    """Return the dtype of `Tracks`: one field per column.
+
+    The state has k numbers: positions, velocities and so on of ``motion``.
+    """
     k = motion.measurement().shape[1]
     return np.dtype(
         [
@@ -254,20 +264,23 @@ def follow(
     extra_columns: Sequence[tuple[str, type]] = (),
     used: float = 1.0,
 ) -> Iterator[Step]:
-    """Yield the step of each frame, in the kiln and on the belt.
+    """Yield the `Step` of each frame, in the kiln and on the belt.
 
     Parameters
     ----------
     frames
-        Detections by ascending frame.
+        Detections by ascending frame. Tracks are predicted over the ``span`` of each.
     motion, gate
         Motion of particles, limits of distance.
-    associate, keeps
-        Weights and extra columns of a frame; which tracks live on.
+    associate
+        Function of tracks, detections and gated pairs. It returns weights (n, 1 + m), extra columns
+        of the n tracks, and extra columns of the m tracks that the detections would start.
+    keeps
+        Function of tracks and frame number that returns which tracks live on, (n,).
     extra_columns
         Names and types of the columns that ``associate`` fills.
     used
-        See `Management`.
+        Weight in a recorded track from which a detection starts no new one.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
     tracks, started, span = np.zeros(0, _layout(motion, extra_columns)), 0, -1.0
@@ -310,9 +323,10 @@ def follow(
 
 
 def _record(tracks: Tracks, detected: Detected, recorded: Index) -> None:
-    """Write the recorded detections into their tracks.
+    """Write k recorded detections into their k tracks, in place.
 
-    A track keeps its depth and points where a detection has none.
+    ``recorded`` (k,) are the indices of the detections. A track keeps its depth (mm) and number of
+    3D points where a detection has none.
     """
     tracks["last"], tracks["row"] = detected.frame, detected.rows[recorded]
     for name, values in (("depth_mm", detected.depth_mm), ("points", detected.points)):
@@ -322,9 +336,10 @@ def _record(tracks: Tracks, detected: Detected, recorded: Index) -> None:
 
 
 def record(weights: Array) -> Integers:
-    """Return the track (m,) for which each detection is recorded, -1: none.
+    """Return the index of the track (m,) recorded at each detection; -1: none.
 
-    See `track`. At equal weight the older track comes first, then the first detection.
+    ``weights`` is (n, 1 + m), column 0 = missed. The rule is in the notes of `track`. At equal
+    weight the older track comes first, then the first detection.
     """
     pairs = weights[:, 1:]
     owner, free = np.full(pairs.shape[1], -1), np.ones(len(pairs), dtype=np.bool_)
