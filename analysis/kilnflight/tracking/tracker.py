@@ -130,8 +130,8 @@ def track(
 
     Notes
     -----
-    "JPDA computes the average coordinates of all detections within the gate as the temporal
-    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). Here a track is recorded in a
+    "JPDA computes the average coordinates of all detections within the gate as the temporal track
+    locations" (section 5.2.3; "a weighted position", Fig. 2.22). Here a track is recorded in a
     frame if all its detections together outweigh "missed" (Eq. 4.10), in the row of its heaviest
     detection. It may also take a row whose detection alone outweighs "missed". A third kind of row
     belongs to some track with a probability above 0.5 and to this one with the largest. Pairs are

@@ -13,6 +13,8 @@ step              equation           default                                    
 `Fusion`          sec. 4.2.4         mean distance 10 px                           sec. 4.2.4
 ================  =================  ============================================  ==========
 
+A track is called a tracklet before these steps and a trajectory after them (section 4.2). A path
+is a tracklet in arrays.
 A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), and ``row`` and
 ``col`` (or ``y`` and ``x``) in px. It may have ``z``, with ``x`` and ``y``, in mm (NaN where
 unknown). Other columns are carried through. Every row comes back, in its place. The rows of
@@ -45,9 +47,9 @@ def postprocess(
     tracks
         Track table, see `kilnflight.tracklets`.
     differences
-        (frames, rows, cols) absolute differences of frames and background of the recording, or any
-        object with such a shape that is sliced like an array. None leaves the last term of Eq.
-        4.24 out.
+        (frames, rows, cols) absolute differences of the recording's frames and their background,
+        in grey values; any object with ``shape`` that is sliced like an array. They show a moving
+        particle as a streak, the last term of Eq. 4.24. None leaves that term out.
     steps
         In the order of chapter 4.2.
 

@@ -17,14 +17,15 @@ from kilnflight.tracklets.paths import Paths, PathStep, means, speeds
 class Elimination(PathStep):
     """Keep tracklets that are long, fast and regular enough (Eq. 4.15).
 
+    A tracklet is kept only if all three measures are above their limits.
+
     Notes
     -----
-    Readings. (1) The duration is the number of assigned positions. Eq. 4.16 divides the sum of the
-    velocities, one fewer than the positions, by the duration less one. (2) The thesis does not say
-    how two coordinates become one coefficient. Here row(t) and col(t) each have their polynomial,
-    and the coefficient is pooled over both centred coordinates. So each weighs by its variance,
-    and one that is constant has weight 0. Three positions always give 1. Source: Eqs 4.15 to
-    4.17, thesis.
+    The duration is the number of assigned positions. Eq. 4.16 divides the sum of the velocities,
+    one fewer than the positions, by the duration less one. The thesis does not say how two
+    coordinates become one coefficient. Here row(t) and col(t) each have their polynomial, and the
+    coefficient is pooled over both centred coordinates. So each weighs by its variance, and one
+    that is constant has weight 0. Three positions always give 1. Source: Eqs 4.15 to 4.17, thesis.
     """
 
     duration: float = 2.0  # assigned frames, D_eps, Table 5.16
@@ -32,7 +33,7 @@ class Elimination(PathStep):
     regularity: float = 0.9  # R_eps, Table 5.16
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
-        """Return the tracklets that meet Eq. 4.15."""
+        """Return the tracklets that meet Eq. 4.15; ``differences`` are not used."""
         names = paths.names()
         kept = np.diff(paths.starts) > self.duration
         kept &= mean_speed(names, paths.frame, paths.place) > self.speed
@@ -41,19 +42,22 @@ class Elimination(PathStep):
 
 
 def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
-    """Return the mean speed of each path in px/frame, or 0 (Eq. 4.16).
+    """Return the mean speed (m,) of each path in px/frame; 0 for one point (Eq. 4.16).
 
-    Points are sorted by path and frame, paths numbered from 0.
+    ``names`` (n,) is the path of each point, from 0, ``frame`` (n,) its frame and ``place`` (n, 2
+    or more) its row and col in px. Points must be sorted by path and frame.
     """
     return means(*speeds(names, frame, place), int(names.max(initial=-1)) + 1)
 
 
 def regularity(names: Index, frame: Whole, place: Array) -> Array:
-    """Return the correlation of each path with quadratic polynomials.
+    """Return the correlation (m,) of each path with quadratic polynomials (Eq. 4.15).
 
-    The polynomials are row(t) and col(t). For least squares polynomials with a constant term, the
-    correlation with the data is the root of explained over total sum of squares. It is pooled over
-    both centred coordinates. It is 1 up to three points and for a path without motion.
+    ``names`` (n,) is the path of each point, from 0 without gaps; ``frame`` (n,) its frame and
+    ``place`` (n, 2 or more) its row and col in px. Points must be sorted by path and frame. The
+    polynomials are row(t) and col(t). For least squares with a constant term, the correlation is
+    the root of explained over total sum of squares, here of both centred coordinates together. It
+    is 1 up to three points and for a path without motion.
     """
     count = np.bincount(names)
     first = np.cumsum(count) - count

@@ -22,18 +22,22 @@ _OUTLIERS, _FALSE = OutlierRemoval(), Elimination()  # Eqs 4.18 and 4.15, of the
 
 
 class Candidates(NamedTuple):
-    """Possible pairs of a cost matrix, as a list.
+    """Possible pairs of tracklets, p in number: a sparse cost matrix.
 
-    The other pairs cost C, as in Fig. 4.14; few are possible, so the matrix is never made.
+    All other pairs are impossible, cost C in Fig. 4.14. Few are possible, so the (m, m) matrix is
+    never made.
     """
 
-    earlier: Index  # (p,) tracklet
-    later: Index  # (p,) tracklet
-    cost: Array  # (p,) finite and at least 0
+    earlier: Index  # (p,) index of the tracklet in `Paths`
+    later: Index  # (p,) index of the tracklet that follows it
+    cost: Array  # (p,) Eq. 4.24, without unit; finite and at least 0
 
 
 def dual_nearest(pairs: Candidates) -> Index:
-    """Return the indices of pairs that are mutual nearest neighbours (DNN), ascending.
+    """Return the indices (q,) of pairs that are mutual nearest neighbours, ascending.
+
+    These are the dual nearest neighbours (DNN) of section 4.2.3; the indices are places in
+    ``pairs``.
 
     Notes
     -----
@@ -49,23 +53,24 @@ def dual_nearest(pairs: Candidates) -> Index:
 
 
 def hungarian(pairs: Candidates) -> Index:
-    """Return the indices of as many pairs as possible at the least total cost, ascending.
+    """Return the indices (q,) of the pairs of least total cost, ascending.
 
-    Kuhn-Munkres (GNN), which Fig. 4.14 compares with DNN. Costs are at least 0, and a pair is
-    listed once. A tracklet may get one before and one after it.
+    The indices are places in ``pairs``. As many pairs as possible are taken. This is the
+    Kuhn-Munkres method, which Fig. 4.14 compares with `dual_nearest`. Costs must be at least 0, and
+    a pair must be listed once. A tracklet may get one partner before and one after it.
     """
     rows, row = np.unique(pairs.earlier, return_inverse=True)
     columns, column = np.unique(pairs.later, return_inverse=True)
     cost = np.full((len(rows), len(columns)), np.inf)
     cost[row, column] = pairs.cost
-    # More than all pairs together, so that it replaces none.
+    # A tracklet without partner costs more than all pairs together, so no pair is given up.
     alone = 1.0 + pairs.cost.max(initial=0.0) * min(cost.shape)
     return np.flatnonzero(assign(cost, np.full(len(rows), alone))[row] == column)
 
 
 @dataclass(frozen=True)
 class Costs:
-    """Weights of the terms of Eq. 4.24."""
+    """Weights of the six terms of the cost of a pair (Eq. 4.24)."""
 
     angle: float = 2.0  # 1/degree, a, Table 5.16
     change: float = 2.0  # frame/px, b, Table 5.16
@@ -77,11 +82,11 @@ class Costs:
 
 @dataclass(frozen=True)
 class Joining(PathStep):
-    """Join tracklets, the cheapest pairs first, until no allowed pair is left (Fig. 4.8).
+    """Join tracklets of one particle until no allowed pair is left (Fig. 4.8).
 
-    A merged frame keeps one row with the mean row, col, x, y and z. It is the row of the earlier
-    tracklet, or of the later where only that has a depth. The other row gets particle -1 and keeps
-    its own place.
+    Each iteration joins the pairs that ``matching`` takes, the cheapest first. A merged frame keeps
+    one row with the mean row, col, x, y and z. It is the row of the earlier tracklet, or of the
+    later where only that has a depth. The other row gets particle -1 and keeps its own place.
     """
 
     gap: float = 0.0  # frames from the end of the one to the start of the other; 0: overlap
@@ -97,9 +102,9 @@ class Joining(PathStep):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets, joined until no pair is within the limits.
 
-        ``differences`` (frames, rows, cols) are those of consecutive frames, grey values; without
-        them the term of Eq. 4.24 for the streak is left out. In each iteration only pairs with a
-        tracklet that has just been joined are judged anew.
+        ``differences`` (frames, rows, cols) are absolute differences of frames and background, in
+        grey values. Without them the last term of Eq. 4.24, for the streak, is left out. In each
+        iteration only pairs with a tracklet that was just joined get a new cost.
         """
         changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
         known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
@@ -117,9 +122,10 @@ class Joining(PathStep):
             changed[[chosen.earlier, chosen.later]] = True
 
     def candidates(self, paths: Paths, changed: Flags) -> Candidates:
-        """Return the pairs within the limits that hold a changed tracklet (m,).
+        """Return the p pairs within the limits that hold a changed tracklet.
 
-        Their cost is Eq. 4.24 without its last term, that of the streak.
+        ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is Eq. 4.24
+        without its last term, that of the streak.
         """
         pairs = self._in_time(paths, changed)
         overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
@@ -137,14 +143,17 @@ class Joining(PathStep):
         return _take(pairs, _joined_speed(paths, pairs) <= limit)  # where they overlap, too
 
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
-        """Return the pairs near in time; their cost is the gap in frames, below 0: overlap."""
+        """Return the pairs near enough in time that hold a changed tracklet (m,).
+
+        Their cost (p,) is here the gap in frames; 0 or less means that they overlap.
+        """
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
-        pair, place = ranges(np.arange(len(there)) + 1, until)
+        one, other = ranges(np.arange(len(there)) + 1, until)
         # Of two that start together the one that ends first is the earlier.
-        swapped = (first[pair] == first[place]) & (last[place] < last[pair])
-        i, k = np.where(swapped, place, pair), np.where(swapped, pair, place)
+        swapped = (first[one] == first[other]) & (last[other] < last[one])
+        i, k = np.where(swapped, other, one), np.where(swapped, one, other)
         taken = changed[there[i]] | changed[there[k]]
         if not self.nested:
             taken &= last[k] > last[i]
@@ -152,10 +161,12 @@ class Joining(PathStep):
         return Candidates(there[i], there[k], (first[k] - last[i]).astype(float))
 
     def _judge(self, names: Index, frame: Whole, place: Array, limit: Array) -> tuple[Array, Flags]:
-        """Return the first terms of Eq. 4.24 and whether a part is allowed, (p,) each.
+        """Return the first three terms of Eq. 4.24 and which pairs are allowed, (p,) each.
 
         ``names`` (q,) is the pair of each point of the connected parts, ``frame`` (q,) its frame,
-        ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is in px/frame.
+        ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is the largest speed in
+        px/frame. Allowed are connected parts without outliers (Eq. 4.18), not false (Eq. 4.15) and
+        without a jump in depth (Eq. 4.22).
         """
         steps, count = velocities(frame, place), len(limit)
         angle, change = turns(steps[:-1], steps[1:])
@@ -177,7 +188,11 @@ class Joining(PathStep):
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
 
     def _with_feature(self, paths: Paths, pairs: Candidates, differences: Any) -> Candidates:
-        """Return the pairs with the last term of Eq. 4.24, of the streak, in their cost."""
+        """Return the pairs, the last term of Eq. 4.24 added to their cost (p,).
+
+        The term is f / F, F the level-edge energy of ``differences`` (frames, rows, cols): small if
+        a streak runs from the end of the earlier tracklet to the start of the later.
+        """
         first, last = paths.starts[:-1], paths.starts[1:] - 1
         energy = np.zeros(len(pairs.cost))
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
@@ -189,7 +204,7 @@ class Joining(PathStep):
 
 @dataclass(frozen=True)
 class Connection(Joining):
-    """Connect tracklets over a gap and merge those that overlap.
+    """Connect tracklets over a gap and merge those that overlap (section 4.2.3).
 
     Notes
     -----
@@ -243,12 +258,15 @@ class Overlap(NamedTuple):
 
     common: Integers  # number of common frames
     distance: Array  # mean distance in the common frames, px; infinite without any
-    until: Integers  # first point in `Paths` after the earlier one's own part
-    since: Integers  # first point in `Paths` of the later one's own part
+    until: Integers  # index of the point in `Paths` after the earlier one's last used point
+    since: Integers  # index of the first point used of the later one
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
-    """Return the overlap in time of earlier tracklets i (p,) with later ones k (p,)."""
+    """Return the overlap in time of p pairs of tracklets.
+
+    ``i`` (p,) are the earlier tracklets, ``k`` (p,) the later ones, as indices in ``paths``.
+    """
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
     key = paths.names() * width + paths.frame - low  # ascends
@@ -257,26 +275,35 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     after = np.searchsorted(key, k * width + last, side="right")
     pair, point = ranges(before, paths.starts[i + 1])
     same = k[pair] * width + paths.frame[point] - low  # the key of this frame in the later one
-    place = np.minimum(np.searchsorted(key, same), len(key) - 1)
-    both = key[place] == same
-    pair, point, place = pair[both], point[both], place[both]
+    match = np.minimum(np.searchsorted(key, same), len(key) - 1)
+    both = key[match] == same
+    pair, point, match = pair[both], point[both], match[both]
     common = np.bincount(pair, minlength=len(i))
-    apart = np.hypot(*(paths.place[point, :2] - paths.place[place, :2]).T)
+    apart = np.hypot(*(paths.place[point, :2] - paths.place[match, :2]).T)
     distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
     ends = np.cumsum(common)[common > 0]
     before[common > 0] = point[ends - common[common > 0]] + 1
-    after[common > 0] = place[ends - 1]
+    after[common > 0] = match[ends - 1]
     return Overlap(common, distance, before, after)
 
 
 def connected_parts(
     paths: Paths, i: Index, k: Index, overlap: Overlap
 ) -> tuple[Index, Whole, Array]:
-    """Return the connected parts of p pairs of tracklets (Fig. 4.10).
+    """Return the connected parts of p pairs of tracklets as q points (Fig. 4.10).
 
-    Of each of q points: the number of its pair, its frame, and row, col, z (q, 3). A part has the
-    last three points of the earlier tracklet i and the first three of the later one k. A single
-    common frame is one point, the mean of both.
+    A part has the last three points of the earlier tracklet i and the first three of the later one
+    k. In an overlap the former end with the first common frame and the latter start with the last.
+    A single common frame is one point, the mean of both.
+
+    Returns
+    -------
+    names : array (q,)
+        Pair of each point, an index in ``i`` and ``k``; ascending.
+    frame : array (q,)
+        Frame of each point, ascending within a pair.
+    place : array (q, 3)
+        Row and col in px, z in mm or NaN.
     """
     point = np.stack(
         [overlap.until - 3 + n for n in range(3)] + [overlap.since + n for n in range(3)]
@@ -292,9 +319,9 @@ def connected_parts(
 
 
 def _once(pairs: Candidates) -> Candidates:
-    """Return the pairs to join in this iteration, each tracklet once, the cheapest first.
+    """Return the pairs to join in this iteration, cheapest first, each tracklet once.
 
-    Where a matching names a tracklet twice, the other pair waits for the next iteration.
+    Where the matching takes two pairs of one tracklet, the dearer waits for the next iteration.
     """
     used, chosen = set[int](), list[int]()
     for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
@@ -306,7 +333,11 @@ def _once(pairs: Candidates) -> Candidates:
 
 
 def _merge(paths: Paths, chosen: Candidates) -> Paths:
-    """Return the paths with the pairs joined, each under the lower of its two numbers."""
+    """Return the paths with the chosen pairs joined.
+
+    A joined tracklet gets the lower of its two numbers. The other number remains, with no points,
+    so that indices in known `Candidates` stay valid.
+    """
     number = np.arange(len(paths.starts) - 1)
     later = np.isin(number, chosen.later)
     number[np.maximum(*chosen[:2])] = np.minimum(*chosen[:2])
@@ -316,9 +347,10 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
 
 
 def _joined_speed(paths: Paths, pairs: Candidates) -> Array:
-    """Return each pair's largest speed (p,) if joined, across the gap, too, in px/frame.
+    """Return the largest speed (p,) in px/frame of each pair, if joined.
 
-    Connection limits it, so that no two tracklets far apart are joined (section 4.2.3).
+    The step over the gap or within the overlap counts. A limit on it keeps tracklets far apart from
+    being joined, which Eq. 4.18 alone does not (section 4.2.3).
     """
     one, points = ranges(paths.starts[pairs.earlier], paths.starts[pairs.earlier + 1])
     other, more = ranges(paths.starts[pairs.later], paths.starts[pairs.later + 1])
@@ -334,8 +366,9 @@ def _united(
     """Return names, rows, frames and places of points, one in each frame of a name.
 
     ``points`` (q,) are indices in `Paths`, ``names`` (q,) their tracklets after joining, ``later``
-    (q,) says which come from the later one. In a common frame the place is the mean of both. The
-    row is that of the earlier one, unless only the later one has a depth.
+    (q,) says which come from the later one. Results are (r,) and (r, 3 or more), r <= q, sorted by
+    name and frame. In a common frame the place is the mean of both. The row is that of the earlier
+    one, unless only the later one has a depth.
     """
     order = np.lexsort((later, paths.frame[points], names))
     names, points = names[order], points[order]
@@ -350,11 +383,14 @@ def _united(
 
 
 def _take(table: Any, chosen: Flags | Integers) -> Any:
-    """Return the chosen entries of every array of `Candidates` or `Overlap`."""
+    """Return the chosen entries of every array of `Candidates` or `Overlap`.
+
+    ``chosen`` are flags (p,) or indices (q,).
+    """
     return type(table)(*(values[chosen] for values in table))
 
 
 def _mean(first: Array, second: Array) -> Array:
-    """Return the mean of places, or the only known place."""
+    """Return the mean of two arrays of places; of a NaN and a value, the value."""
     mean = (first + second) / 2
     return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))

@@ -37,8 +37,8 @@ class OutlierRemoval(PathStep):
     points, the second from 4, the others from 3. (3) A velocity of zero has no direction and makes
     no angle. (4) "The second assigned detection is examined backwards from the last one": going
     back, it must be the first point that meets Eq. 4.20. Then T4 of situation 3 (Fig. 4.5) alone
-    is removed, as its caption has it. To remove on the way back all points that meet Eq. 4.20 is
-    no reading: a wrong last point would cost all before it. (5) The order of the text, first point
+    is removed, as its caption has it. Removing all points that meet Eq. 4.20 on the way back is
+    excluded: a wrong last point would cost all before it. (5) The order of the text, first point
     first, also removes the correct first point of 5 or more where the second is wrong.
     Source: section 4.2.2, Eqs 4.17 to 4.20, thesis.
     """
@@ -47,7 +47,7 @@ class OutlierRemoval(PathStep):
     change: float = 18.0  # px/frame, Delta V_eps, Table 5.16
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
-        """Return the tracklets without outliers."""
+        """Return the tracklets without outliers; ``differences`` are not used."""
         kept = np.zeros(len(paths.rows), dtype=np.bool_)
         for left in np.split(np.arange(len(kept)), paths.starts[1:-1]):
             while (outlier := self.first_outlier(paths.frame[left], paths.place[left])) is not None:
@@ -56,7 +56,10 @@ class OutlierRemoval(PathStep):
         return paths.grouped(np.where(kept, paths.names(), -1))
 
     def first_outlier(self, frame: Whole, place: Array) -> int | None:
-        """Return the index of the first outlier of one path, or None."""
+        """Return the index of the first outlier of one path, or None.
+
+        ``frame`` (n,) must ascend; ``place`` (n, 2 or more) holds row and col in px.
+        """
         steps = velocities(frame, place)
         turned = self._turned(steps[:-1], steps[1:])
         if len(frame) >= 5 and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]:
@@ -66,7 +69,7 @@ class OutlierRemoval(PathStep):
         return int(np.argmax(turned)) + 2 if turned.any() else None  # Eq. 4.18
 
     def _turned(self, before: Array, after: Array) -> Flags:
-        """Return which velocities (n, 2) change as in Eq. 4.18."""
+        """Return which velocities (n, 2) in px/frame change as in Eq. 4.18, (n,)."""
         angle, change = turns(before, after)
         return np.asarray((angle > self.angle_deg) & (change > self.change))
 
@@ -75,15 +78,18 @@ class OutlierRemoval(PathStep):
 class Cutting:
     """Split tracks at physically impossible steps.
 
+    A step leads from one detection with depth to the next. It is impossible if it is longer than
+    ``fastest_m_s`` times its duration plus three RMSE of Table 5.18.
+
     Notes
     -----
-    The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not printed
-    and ours. Places scatter by their RMSE (Table 5.18). An error of the depth moves a place along
-    its line of sight (sec. 4.1.2), so steps are judged across it and along it. Across: from each
-    detection to the next, in directions compared at the nearer of both depths. Along: from each of
-    `LEAST_PART` detections to each of as many that follow, all in one direction. So a wrong depth
-    that comes back soon counts as scatter; one that lasts is another particle's or the wall's.
-    Detections without depth are not judged; they stay with those before them.
+    The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not printed and
+    ours. An error of the depth moves a place along its line of sight (sec. 4.1.2), so steps are
+    judged across it and along it. Across: from each detection to the next, in directions compared
+    at the nearer of both depths. Along: from each of `LEAST_PART` detections to each of as many
+    that follow, all in one direction. So a wrong depth that comes back soon counts as scatter; one
+    that lasts is another particle's or the wall's. Detections without depth are not judged; they
+    stay with those before them.
     """
 
     fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
@@ -91,7 +97,8 @@ class Cutting:
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
         """Return the table with a track for each part of `LEAST_PART` detections or more.
 
-        A table without places in space is returned as it is.
+        ``tracks`` is a track table, see `kilnflight.tracklets`. Detections of shorter parts get
+        particle -1. A table without places in space is returned as it is.
 
         Raises
         ------
@@ -115,14 +122,21 @@ class Cutting:
         return write_paths(tracks, paths.grouped(np.where(long, names, -1)))
 
     def _across(self, time: Array, place: Array) -> Flags:
-        """Return which steps (n - 1,) across the line of sight are impossible."""
+        """Return which steps (n - 1,) across the line of sight are impossible.
+
+        ``time`` (n,) is in s; ``place`` (n, 3) is x, y, z in mm from the camera, z along its axis.
+        """
         ahead = np.where(place[:, 2] > 0, place[:, 2], np.nan)
         sight = place[:, :2] / ahead[:, None]
         across = np.hypot(*np.diff(sight, axis=0).T) * np.minimum(ahead[1:], ahead[:-1])
         return np.asarray(across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM)
 
     def _along(self, time: Array, depth: Array) -> Flags:
-        """Return which steps (n - 1,) along the line of sight are impossible and last."""
+        """Return which steps (n - 1,) along the line of sight are impossible and last.
+
+        ``time`` (n,) is in s, ``depth`` (n,) in mm. All steps from the `LEAST_PART` detections
+        before to the `LEAST_PART` after must be impossible, in the same direction.
+        """
         steps = np.zeros(len(depth) - 1, dtype=np.bool_)
         if len(depth) >= 2 * LEAST_PART:
             around = sliding_window_view(np.stack([time, depth]), 2 * LEAST_PART, axis=1)

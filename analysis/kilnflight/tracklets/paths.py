@@ -14,22 +14,25 @@ from kilnflight.tables import order_tracks
 
 
 class Paths(NamedTuple):
-    """Tracklets one after the other, by first frame and position, each by ascending frame."""
+    """m tracklets with n points, one after the other, each by ascending frame.
 
-    rows: Index  # (n,) positions in the table of the rows that belong to a track
+    Tracklets are in the order of their first frame, then first row, then first col.
+    """
+
+    rows: Index  # (n,) row numbers in the table
     frame: Whole  # (n,)
     place: Array  # (n, 3 or more) row, col in px, z in mm or NaN, then x and y if given
-    starts: Index  # (m + 1,) first point of each tracklet
+    starts: Index  # (m + 1,) index of the first point of each tracklet, and n
 
     def names(self) -> Index:
-        """Return the tracklet (n,) of each point, counted from 0."""
+        """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     def grouped(self, names: Integers) -> Paths:
-        """Return the points grouped anew by their names (n,), those below 0 left out.
+        """Return the points grouped by ``names`` (n,), without those below 0.
 
         Tracklets are numbered by first frame, then row, then col. Points of one name must ascend
-        in frame.
+        in frame, as the points are not sorted.
         """
         kept = np.flatnonzero(names >= 0)
         _, first, name = np.unique(names[kept], return_index=True, return_inverse=True)
@@ -43,7 +46,10 @@ class Paths(NamedTuple):
 
 
 class PathStep(ABC):
-    """A step of post-processing, from `Paths` to `Paths`."""
+    """A step of post-processing.
+
+    `apply` maps `Paths` to `Paths`, a call maps a track table to a track table.
+    """
 
     def __call__(self, tracks: pd.DataFrame, differences: Any = None) -> pd.DataFrame:
         """Return the table after this step, with the same rows and columns.
@@ -53,7 +59,8 @@ class PathStep(ABC):
         tracks
             Track table, see `kilnflight.tracklets`.
         differences
-            See `kilnflight.tracklets.postprocess`.
+            (frames, rows, cols) absolute differences of frames and background, in grey values; used
+            by `Joining` alone, see `kilnflight.tracklets.postprocess`.
 
         Raises
         ------
@@ -65,11 +72,17 @@ class PathStep(ABC):
 
     @abstractmethod
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
-        """Return the tracklets after this step."""
+        """Return the tracklets after this step.
+
+        ``differences`` (frames, rows, cols) are absolute differences of frames and background, or
+        None.
+        """
 
 
 def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
-    """Return the tracklets of a table with rows in any order.
+    """Return the tracklets of a track table, whose rows may have any order.
+
+    ``where`` names the table in errors.
 
     Raises
     ------
@@ -88,7 +101,10 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
 
 
 def _places(tracks: pd.DataFrame) -> list[str]:
-    """Return the columns of places: row, col (or y, x) in px, then z, x, y in mm with a z."""
+    """Return the names of the columns of places, in the order of `Paths.place`.
+
+    These are row, col (or y, x) in px; with a z, also z and, where present, x and y in mm.
+    """
     names = set(tracks.columns)
     if {"row", "col"}.isdisjoint(names) and {"x", "y"} <= names:
         return ["y", "x"]
@@ -96,7 +112,11 @@ def _places(tracks: pd.DataFrame) -> list[str]:
 
 
 def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
-    """Return the table with the particles and places of paths, and -1 for all other rows."""
+    """Return the table with the particles and places of paths, -1 for other rows.
+
+    ``tracks`` must be the table from which `read_paths` made the paths: `Paths.rows` are its row
+    numbers.
+    """
     particle = np.full(len(tracks), -1, dtype=np.int64)
     particle[paths.rows] = paths.names()
     table = tracks.assign(particle=particle)
@@ -110,29 +130,37 @@ def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
 def velocities(frame: Whole, place: Array) -> Array:
     """Return velocities (n - 1, 2) between consecutive points in px/frame (Eq. 4.17).
 
-    Between two paths the value has no meaning, and frames may be equal.
+    ``frame`` is (n,), ``place`` (n, 2 or more) holds row and col in px. Between two paths the value
+    has no meaning; between two points of one frame it is their distance.
     """
     step = np.diff(frame)
     return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
 
 
 def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
-    """Return the path and the speed (px/frame) of each move between consecutive points."""
+    """Return the path (k,) and the speed (k,) of each step within a path, in px/frame.
+
+    ``names`` (n,) is the path of each point; points are sorted by path and frame.
+    """
     within = np.diff(names) == 0
     return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
 
 def fastest(names: Index, frame: Whole, place: Array, count: int) -> Array:
-    """Return the largest speed of each of ``count`` paths in px/frame, or 0."""
+    """Return the largest speed (count,) of each path in px/frame; 0 for one point.
+
+    ``names`` (n,) is the path of each point, below ``count``; points are sorted by path and frame.
+    """
     found = np.zeros(count)
     np.maximum.at(found, *speeds(names, frame, place))
     return found
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
-    """Return angle (degrees) and difference (px/frame) of velocities (n, 2) (Eq. 4.19).
+    """Return the change of direction (n,) in degrees and of velocity (n,) in px/frame.
 
-    The angle is 0 where a velocity is zero.
+    ``before`` and ``after`` (n, 2) are velocities in px/frame (Eq. 4.19, Fig. 4.5). The angle is 0
+    where a velocity is zero.
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
@@ -144,19 +172,26 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
 
 
 def means(part: Integers, values: Array, count: int) -> Array:
-    """Return the mean of the values in each of ``count`` parts, or 0."""
+    """Return the mean (count,) of the values of each part; 0 without values.
+
+    ``part`` (n,) is the part, below ``count``, of each of the ``values`` (n,).
+    """
     number = np.maximum(np.bincount(part, minlength=count), 1)
     return np.asarray(np.bincount(part, values, minlength=count) / number)
 
 
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
-    """Return, of all numbers in the ranges from begin to end, which range, and the number."""
+    """Return the whole numbers of p ranges, one range after the other.
+
+    ``begin`` and ``end`` (p,) are the ends, the latter excluded. The first result (q,) is the index
+    of each number's range, the second (q,) the number.
+    """
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]
 
 
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that belong to a track."""
+    """Return the rows that belong to a track: ``particle`` is not -1."""
     check_columns(tracks, ("particle",), "tracks")
     return tracks[check_whole(tracks["particle"], "tracks: column particle") >= 0]

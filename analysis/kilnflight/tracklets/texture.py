@@ -19,14 +19,21 @@ LAWS_EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
 def texture_energy(window: Array, first: Array, second: Array, inside: Any = ...) -> float:
     """Return the texture energy of two masks on a sum of frame differences.
 
+    The masks are Laws' (Eq. 4.25); the level-edge pair responds most to streaks (Fig. 4.13).
+
     Parameters
     ----------
     window
-        (rows, cols) sum of frame differences.
+        (rows, cols) sum of frame differences, grey values.
     first, second
-        Masks of Laws, (5,).
+        Masks of Laws, (5,), one along the rows and one along the columns.
     inside
         (rows, cols) bool, pixels that count; default: all.
+
+    Returns
+    -------
+    float
+        Mean of the absolute responses that are not zero.
 
     Notes
     -----
@@ -48,14 +55,16 @@ def level_edge(
 ) -> float:
     """Return the level-edge energy between two tracklets (F of Eq. 4.24).
 
+    A high energy shows a streak in the frame differences: the particle flew from one to the other.
+
     Parameters
     ----------
     start, end
-        Last position (row, col) of the earlier tracklet and first one of the later, in px.
+        (2,) last position (row, col) of the earlier tracklet and first one of the later, in px.
     period
-        First and last frame to sum.
+        First and last frame to sum, both included.
     differences
-        See `kilnflight.tracklets.postprocess`.
+        (frames, rows, cols), see `kilnflight.tracklets.postprocess`.
     half_width
         w of Table 5.16, px.
 
@@ -93,7 +102,11 @@ def level_edge(
 
 
 def window_corners(start: Array, end: Array, half_width: float = 15.0) -> Array:
-    """Return the vertices (4, 2) of the window of `level_edge`, row and col in px."""
+    """Return the vertices (4, 2) of the window of `level_edge`, row and col in px.
+
+    ``start`` and ``end`` (2,) are row and col in px. Vertices 0 and 1 lie beside ``start``, 2 and 3
+    beside ``end``.
+    """
     upright = abs(end[0] - start[0]) >= abs(end[1] - start[1])
     aside = np.array([0.0, half_width] if upright else [half_width, 0.0])
     return np.array([start - aside, start + aside, end + aside, end - aside])
