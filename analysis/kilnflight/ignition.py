@@ -39,13 +39,13 @@ class IgnitionResult(NamedTuple):
         "seen": a step was found; "before seen": bright from the first detection on;
         "none": no step; "too few points": even the clearest step could be chance.
     time_s
-        Midway between the last detection before the step and the first after it; NaN
-        unless "seen".
+        Midway between the last detection before the step and the first after it, on the clock
+        of the input; NaN unless "seen".
     before, after
         Grey levels (medians) on both sides of the best step, equal without a step. With
         ``above_background`` they are measured from the background.
     scatter
-        About these levels, as a standard deviation.
+        Of the grey values about these levels, as a standard deviation.
     p_value
         Of the best step, corrected for the search; 1 without a step.
     """
@@ -97,7 +97,7 @@ class Ignition:
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike | None = None
     ) -> IgnitionResult:
-        """Return whether and when the grey values rise.
+        """Return whether and when the grey values of one track rise.
 
         Parameters
         ----------
@@ -119,7 +119,8 @@ class Ignition:
             raise InputError("Ignition: background is missing for above_background.")
         behind = None if background is None else _course(time_s, background)[1]
         values = light if behind is None or not self.above_background else light - behind
-        searched = len(values) - 2 * LEAST_POINTS + 1
+        searched = len(values) - 2 * LEAST_POINTS + 1  # splits
+        # The second: even the clearest step, p = splits / C(n, n // 2), could be chance.
         if searched < 1 or searched > SIGNIFICANCE * math.comb(len(values), len(values) // 2):
             return IgnitionResult(TOO_FEW)
         early = self.bright is not None and np.median(light[:LEAST_POINTS]) >= self.bright
@@ -130,7 +131,7 @@ class Ignition:
             return IgnitionResult(without, before=level, after=level)
         before, after = float(np.median(values[:split])), float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
-        scatter = 1.4826 * float(np.median(np.abs(off)))  # as of a Gaussian
+        scatter = 1.4826 * float(np.median(np.abs(off)))  # standard deviation of a Gaussian
         p_value = min(1.0, searched * rank_sum_p(values[:split], values[split:]))
         is_step = (
             p_value <= SIGNIFICANCE
@@ -149,12 +150,24 @@ def lights_up(time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayL
     That picture is a background plus the difference of every frame from it (section 5.2.2). The
     trace is light where the particle is brighter than the background by `TRACE_SHARE`.
 
+    Parameters
+    ----------
+    time_s
+        (n,) ascending.
+    gray, background
+        (n,) grey values of the particle and of the background behind it, not below 0.
+
     Returns
     -------
     str
         "seen": dark, then light for `LEAST_POINTS` detections or more; "before seen": light from
         the first detection on, without such a change; "none"; "too few points": fewer than twice
         `LEAST_POINTS`.
+
+    Raises
+    ------
+    InputError
+        If lengths differ, a value is not finite or below 0, or times do not ascend.
 
     Notes
     -----
@@ -175,7 +188,7 @@ def lights_up(time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayL
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
-    """Return the best step upwards and the deviation that it leaves.
+    """Return the best step upwards in grey values and the deviation that it leaves.
 
     Best is the least sum of absolute deviations from the medians on both sides, among the splits
     whose median is higher afterwards. Of splits equal within rounding it is the first.
@@ -190,7 +203,8 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
     Returns
     -------
     split, deviation
-        -1 and infinity where no split goes upwards.
+        Index of the first value after the step, and the sum in grey values; -1 and infinity where
+        no split goes upwards.
     """
     count = len(values)
     median, spread = _growing(values)
@@ -205,9 +219,9 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
 
 
 def _growing(values: Array) -> tuple[Array, Array]:
-    """Return the medians of the first 1, 2, ... values, and the deviations.
+    """Return medians (n,) of the first 1, 2, ... values, and their deviations (n,).
 
-    A deviation is the sum of absolute deviations from the median.
+    A deviation is the sum of absolute deviations from the median. Memory grows as n^2.
     """
     number = np.arange(len(values))
     there = number <= number[:, None]
@@ -219,8 +233,9 @@ def _growing(values: Array) -> tuple[Array, Array]:
 def rank_sum_p(before: Array, after: Array) -> float:
     """Return the p-value of a rise from ``before`` to ``after`` (Wilcoxon, one-sided).
 
-    Exact for up to 200 values together, the normal approximation above. A tie counts as if the
-    earlier value were the higher one, so the p-value is too large rather than too small.
+    Both are grey values, (k,) and (n - k,). Exact for n up to 200, the normal approximation above.
+    A tie counts as if the earlier value were the higher one, so the p-value is too large rather
+    than too small.
     """
     values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
@@ -230,13 +245,16 @@ def rank_sum_p(before: Array, after: Array) -> float:
 
 
 def line_deviation(time: Array, values: Array) -> float:
-    """Return the sum of absolute deviations from the line of Theil and Sen."""
+    """Return the sum of absolute deviations from the line of Theil and Sen.
+
+    ``time`` and ``values`` are (n,). A step must leave less, else the change is slow.
+    """
     rest = values - theilslopes(values, time).slope * time
     return float(np.abs(rest - np.median(rest)).sum())
 
 
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return the checked times and grey values."""
+    """Return the times (n,) and grey values (n,), checked."""
     time = check_finite(time_s, "Ignition: time_s").ravel()
     values = check_finite(gray, "Ignition: gray").ravel()
     if len(time) != len(values):

@@ -37,8 +37,8 @@ AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 TRIPLES = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
 LONGEST_S = 1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
 FARTHEST_MM = 1e100  # squares stay finite
-GRID = 65  # values of t0 on the grid that finds the valley
-DENSE = 0.1  # of the duration; the steps of the grid grow with the distance from here
+GRID = 65  # values of t0 on the grid that is searched downhill
+DENSE = 0.1  # of the duration after the first detection; steps grow with the distance from it
 SHORTEST = 1e-6  # of the duration, from t0 to the first detection
 
 
@@ -79,14 +79,17 @@ class Fit:
         return self._sums(rates, time_s)
 
     def _sums(self, factors: Sequence[Sequence[float]], time_s: npt.ArrayLike) -> Array:
-        """Return sums (n, 3) of factors times ascending powers of t - t0."""
+        """Return sums (n, 3) of factors times ascending powers of t - t0, from power 0.
+
+        ``factors`` holds one sequence per axis; ``time_s`` (n,) or one number is in s.
+        """
         time = np.atleast_1d(check_finite(time_s, "Fit: time_s"))
         return np.stack([np.polyval(axis[::-1], time - self.t0) for axis in factors], axis=-1)
 
 
 @dataclass(frozen=True)
 class Regression:
-    """Least-squares fit of t0 and of one polynomial per axis.
+    """Least-squares fit of t0, the time at the lance, and of one polynomial per axis.
 
     Notes
     -----
@@ -95,8 +98,8 @@ class Regression:
     random points, `TRIPLES` times. The trust region of section 4.3 descends from its start. So t0
     is the local minimum downhill of the guess, not the global one. (3) The axis whose RMSE (Eq.
     4.30) falls most by one order more gets that order, until no RMSE falls by ``gain``. Section
-    4.3 does not say which of the four measures must improve; RMSE is ours. (4) An order leaves
-    n - (k + 1) > 0 degrees of freedom. (5) All axes have the same weight.
+    4.3 does not say which of the four measures must improve; RMSE is ours. (4) An order k leaves
+    n - (k + 1) > 0 degrees of freedom for n points. (5) All axes have the same weight.
     """
 
     lowest: int = 2  # order, section 4.3
@@ -112,11 +115,30 @@ class Regression:
 
     @property
     def fewest(self) -> int:
-        """Return the smallest number of points that leaves RMSE a degree of freedom."""
+        """Return the smallest number of points that can be fitted.
+
+        It leaves the RMSE (Eq. 4.30) a degree of freedom at order 2, or at ``lowest`` if that is
+        higher.
+        """
         return max(self.lowest, 2) + 2
 
     def __call__(self, time: Array, places: Array, exit_point: Array) -> Fit:
-        """Return the trajectory of ascending times (n,) in s and places (n, 3) in mm."""
+        """Return the trajectory of n detections with depth.
+
+        Parameters
+        ----------
+        time
+            (n,) in s, strictly ascending.
+        places
+            (n, 3) x, y, z in mm.
+        exit_point
+            (3,) the lance's outlet in mm.
+
+        Raises
+        ------
+        InputError
+            If there are fewer points than `fewest`.
+        """
         if len(time) < self.fewest:
             raise InputError(f"track: {len(time)} points; order {self.lowest} needs {self.fewest}.")
         duration, highest = time[-1] - time[0], min(self.highest, len(time) - 2)
@@ -140,10 +162,18 @@ class Regression:
         return Fit(*fields, tuple(factors), *span, *map(tuple, np.transpose(quality).tolist()))
 
     def choose(self, solve: Callable[[Orders], tuple[float, Array]], highest: int) -> Orders:
-        """Return the orders (3,), raised while the RMSE of an axis falls by ``gain``.
+        """Return the orders (3,) of the polynomials in x, y, z (section 4.3).
 
-        In each round the axis whose RMSE falls most by one order more gets it (section 4.3).
-        ``solve`` returns t0 and the RMSE (3,) in mm for some orders; ``highest`` is the limit.
+        All axes start at the lowest order. In each round the axis whose RMSE (Eq. 4.30) falls most
+        by one order more gets that order. It ends when no RMSE falls by the share ``gain`` (1 %).
+
+        Parameters
+        ----------
+        solve
+            Function from orders (3,) to the best t0, in durations of the track after the first
+            detection, and the RMSE (3,) in mm. Of `trajectory_solver`; cached, as orders recur.
+        highest
+            Highest order allowed.
         """
         orders: Orders = (self.lowest,) * 3
         while True:
@@ -159,11 +189,21 @@ class Regression:
 
 
 def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, float]:
-    """Return the range of t0 and its first guess, from random points.
+    """Return the range (2,) of t0 and its first guess, from random points.
 
-    ``time`` (n,) runs from 0 to 1, ``moved`` (3, n) is measured from the exit. Each draw solves
-    Eq. 4.29 for three points, the fewest that determine its seven unknowns. The guess is the median
-    of the solutions. Their range is widened by its own width or by one step in time.
+    Times are in durations of the track after the first detection, so t0 is below 0. Each draw
+    solves Eq. 4.29 for three points, the fewest that determine its seven unknowns. The guess is the
+    median of the solutions. Their range is widened by its own width or by the shortest step in
+    time.
+
+    Parameters
+    ----------
+    time
+        (n,) from 0 to 1.
+    moved
+        (3, n) positions from the lance's outlet, mm.
+    longest
+        Longest time from the outlet to the first detection.
     """
     widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
     order = np.argsort(np.random.default_rng(0).random((TRIPLES, len(time))), axis=1)
@@ -174,12 +214,13 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
     differences = 1.0 / np.prod(at[:, :, None] - at[:, [[1, 2], [0, 2], [0, 1]]], axis=2)
 
     def cost(start: Array) -> Array:
+        """Return the squared residual (TRIPLES, g) of Eq. 4.29 at t0 (g, TRIPLES)."""
         factors = differences / (at - start[..., None])
         left = np.einsum("gdk,adk->adg", factors, moved[:, drawn]) ** 2
         return left.sum(axis=0) / (factors**2).sum(axis=2).T
 
     low, high = np.tile(widest[:, None], TRIPLES)
-    for count in [GRID] + 10 * [17]:  # each but the first refines the grid by 8
+    for count in [GRID] + 10 * [17]:  # then 16 steps over two of the last: 8 times finer
         grid = np.linspace(low, high, count)
         best = np.argmin(cost(grid), axis=1)
         around = np.clip(best + np.array([[-1], [0], [1]]), 0, count - 1)
@@ -196,20 +237,31 @@ def trajectory_solver(
 
     A polynomial through the exit at t0 is t - t0 times a polynomial of one order less. One
     orthogonal basis of these serves all orders.
+
+    Parameters
+    ----------
+    time
+        (n,) from 0 to 1, in durations of the track.
+    moved
+        (3, n) positions from the lance's outlet, mm.
+    highest
+        Highest order that the function will be called with.
+    limits, first
+        Range (2,) and first guess of t0, of `range_of_start`.
     """
     powers = legendre.legvander(2 * time - 1, highest - 1)
     # Denser towards the first detection, where the cost changes faster with t0.
     grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
 
     def fitted(start: Array, orders: Orders) -> Array:
-        """Return the best places (3, k, n) of given t0 (k,)."""
+        """Return the best positions (3, k, n) in mm for each given t0 (k,)."""
         basis = np.linalg.qr((time - start[:, None])[:, :, None] * powers[:, : max(orders)])[0]
         parts = zip(moved, (basis[:, :, :order] for order in orders), strict=True)
         return np.stack([(part @ (place @ part)[..., None])[..., 0] for place, part in parts])
 
     @cache
     def costs(order: int) -> Array:
-        """Return the squared residuals (3, GRID) on the grid."""
+        """Return the squared residuals (3, GRID) in mm^2 on the grid of t0."""
         return ((moved[:, None] - fitted(grid, (order,) * 3)) ** 2).sum(axis=-1)
 
     def slope(start: float, orders: Orders) -> float:
@@ -218,6 +270,10 @@ def trajectory_solver(
         return float((((moved - best) * best) @ (1.0 / (time - start))).sum())
 
     def solve(orders: Orders) -> tuple[float, Array]:
+        """Return t0 and the RMSE (3,) in mm.
+
+        t0 descends on the grid from its first guess; a root of the slope refines it.
+        """
         cost = np.sum([costs(order)[axis] for axis, order in enumerate(orders)], axis=0)
         cost, at = np.append(cost, np.inf), int(np.argmin(np.abs(grid - first)))
         while step := (0, -1, 1)[np.argmin(cost[[at, at - 1, at + 1]])]:  # downhill
@@ -234,9 +290,10 @@ def trajectory_solver(
 
 
 def fit_measures(places: Array, fitted: Array, order: int) -> Array:
-    """Return RMSE, MAPE, R2 and adjusted R2 of an axis (Eqs 4.30 to 4.33).
+    """Return RMSE, MAPE, R2 and adjusted R2 (4,) of one axis (Eqs 4.30 to 4.33).
 
-    MAPE, in %, leaves out points at 0. Points near 0 make it large, so Table 5.18 gives medians.
+    ``places`` and ``fitted`` (n,) are in mm, and so is the RMSE. MAPE, in %, leaves out points at
+    0. Points near 0 make it large, so Table 5.18 gives medians. R2 is NaN without motion.
     """
     squares, free = np.sum((places - fitted) ** 2), len(places) - (order + 1)
     known = places != 0
@@ -287,8 +344,22 @@ def regress_all(
 ) -> pd.DataFrame:
     """Return `kilnflight.tables.TRAJECTORIES`, one row per particle.
 
-    As `regress`, with a column ``particle``; rows of -1 are in no track. A track that cannot be
-    regressed keeps its row: ``outcome`` is the reason, unknown values are NaN or 0.
+    A track that cannot be regressed keeps its row: ``outcome`` is the reason, unknown values are
+    NaN or 0.
+
+    Parameters
+    ----------
+    tracks
+        One row per detection: ``particle`` (-1: in no track), ``x``, ``y``, ``z`` in mm (NaN where
+        unknown), and ``frame``, or ``time_s`` without a frame rate.
+    exit_point, frame_rate_hz, parameters
+        As for `regress`.
+
+    Raises
+    ------
+    InputError
+        If a column or an argument is invalid, or the highest order is above 6, the last one in the
+        table.
     """
     method = parameters or Regression()
     if method.highest > HIGHEST_ORDER:
@@ -299,7 +370,10 @@ def regress_all(
 
 
 def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
-    """Return the `Fit` of each fitted particle of a trajectory table."""
+    """Return the `Fit` of each fitted particle of a trajectory table, by particle.
+
+    The columns are read by their order in `kilnflight.tables.TRAJECTORIES`.
+    """
     table, known = TRAJECTORIES.check(trajectories), {}
     for row in table[table["outcome"] == FITTED].itertuples(index=False, name=None):
         particle, _, points, first, last, t0, earliest, latest, at_bound, *rest = row
@@ -314,7 +388,7 @@ def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
 
 
 def _row(method: Regression, exit_mm: Array, timed: Timed) -> list[object]:
-    """Return one track's row of the table."""
+    """Return one track's row, in the order of `kilnflight.tables.TRAJECTORIES`."""
     particle, time, places = timed
     row: list[object] = [particle, TOO_FEW if len(time) else NO_DEPTH, len(time)]
     if len(time) < method.fewest:
@@ -331,13 +405,18 @@ def _row(method: Regression, exit_mm: Array, timed: Timed) -> list[object]:
 
 
 def _outlet(exit_point: npt.ArrayLike) -> Array:
+    """Return the lance's outlet (3,) in mm, checked."""
     point = check_finite(exit_point, "exit_point")
     check_shape(point, (3,), "exit_point")
     return point
 
 
 def _located(tracks: pd.DataFrame, rate_hz: float | None, where: str) -> Iterator[Timed]:
-    """Yield each particle with times (n,) in s and known places (n, 3) in mm."""
+    """Yield each particle with its times (n,) in s and places (n, 3) in mm.
+
+    Detections without depth are left out, so n may be 0. Times are frame / ``rate_hz``, or the
+    column ``time_s`` if ``rate_hz`` is None.
+    """
     clock, rate = ("time_s", 1.0) if rate_hz is None else ("frame", rate_hz)
     check_number(rate, "frame_rate_hz", above=0)
     check_columns(tracks, ("particle", clock, *AXES), where)

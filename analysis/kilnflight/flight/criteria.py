@@ -18,7 +18,7 @@ from kilnflight.regression import Fit
 STEP_S = 0.001  # between the times at which a trajectory is sampled
 TOUCH_MM = 1e-6  # tolerance of the limit: times of hours round positions by less
 FIRST_POINTS = 3  # positions with depth whose median decides the start; not printed
-WITHIN_MM = 1000.0  # in depth from the lance: one slice of Eq. 5.8; not printed
+WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not printed
 CONE = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
 DEPTH_SCATTER_MM = 438.0  # two RMSE in depth (Table 5.18)
 ACROSS_SCATTER_MM = 38.0  # two RMSE across (Table 5.18)
@@ -33,24 +33,33 @@ LEAVES, BEHIND, TOO_FAST = "leaves the kiln", "turns back behind the lance", "fa
 def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     """Return whether a trajectory starts at the lance, and its distance from it in mm.
 
-    ``places_mm`` (n, 3) are the detections in order, x, y, z, NaN without depth (Fig. 4.21). t0 is
-    the time at which the polynomials pass the lance's outlet. The distance is for the table only.
+    Only trajectories from the lance are analysed further (section 4.2.5, Fig. 4.21). ``places_mm``
+    (n, 3) are x, y, z of the track's detections in order of time, NaN without depth. Three scalar
+    medians are taken over the first `FIRST_POINTS` of them with depth: of the depth travelled from
+    the outlet, of the distance from the lance's axis, and of the distance from the outlet. The last
+    is returned for the table and not tested. A trajectory starts at the lance if
+
+    1. the depth travelled is at most `WITHIN_MM`, and at least -`DEPTH_SCATTER_MM`;
+    2. the distance from the axis is within a cone that widens by `CONE` with the depth;
+    3. t0, the fitted time at the outlet, is not the earliest of its range;
+    4. the fitted velocity at t0 points to the camera.
+
+    Raises
+    ------
+    InputError
+        If no detection has a depth.
 
     Notes
     -----
-    The thesis prints no criterion (secs 4.2.5 and 5.3.1). Particles are "probably not captured"
-    until several frames after the lance (sec. 4.3). So the medians of depth and of distance from
-    the lance's axis decide, over the first `FIRST_POINTS` positions with depth: one wrong depth
-    changes them little. The depth lies within one slice of Eq. 5.8, so that the first slice was
-    observed, and not farther behind the lance than depths scatter. The distance from the axis
-    lies within a cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1). So the
-    cone widens from the exit to the wall, 700 mm away, in the first metre, plus the scatter of
-    Table 5.18.
-
-    t0 must not be the earliest of its range: then the polynomials found no way back to the lance.
-    The latest is allowed: the particle was detected from the exit on. The velocity at t0 must point
-    to the camera: polynomials that start backwards have found an exit that the particle did not
-    take. Tracks without a fit are judged by their place in the picture
+    The thesis prints no criterion (secs 4.2.5 and 5.3.1); these are ours. Particles are "probably
+    not captured" until several frames after the lance (sec. 4.3), so first positions lie some way
+    from it. One wrong depth changes a median little. (1) `WITHIN_MM` is one slice of Eq. 5.8, so
+    that the first slice was observed; depths scatter by `DEPTH_SCATTER_MM`. (2) Paper shreds "touch
+    the side walls before moving far" (sec. 5.3.1). So the cone widens from the exit to the wall,
+    700 mm away, in the first metre, plus the scatter of Table 5.18. (3) At the earliest t0 the
+    polynomials found no way back to the lance. The latest is allowed: the particle was detected
+    from the exit on. (4) Polynomials that start backwards have found an exit that the particle did
+    not take. Tracks without a fit are judged by their place in the picture
     (`kilnflight.experiments.tracking_scores.from_lance`).
     """
     known = places_mm[~np.isnan(places_mm).any(axis=1)][:FIRST_POINTS]
@@ -69,7 +78,8 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     """Return positions (n, 3) in mm, on a straight line after the last detection.
 
-    Polynomials diverge quickly outside their data.
+    ``time_s`` (n,) or one number is on the fit's clock. Polynomials diverge quickly outside their
+    data.
     """
     time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     observed = np.minimum(time, fit.last_s)
@@ -78,20 +88,21 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
 
 
 class FlightEnd(NamedTuple):
-    """Whether a flight ends on the wall, when, and its last distance from the axis."""
+    """End of a flight."""
 
-    landed: bool
-    end_s: float
-    wall_mm: float
+    landed: bool  # on the wall, not in the air
+    end_s: float  # s, on the recording's clock
+    wall_mm: float  # distance of the fit from the kiln's axis at the last detection
 
 
 def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
-    """Return whether, when and where a fitted trajectory ends on the wall (section 3.2).
+    """Return whether, when and where a trajectory ends on the wall (section 3.2).
 
-    A flight lands in one of three cases, in this order. (1) It reaches the limit between first and
-    last detection. (2) It reaches it on a straight line within `BEYOND_S` of the last detection.
-    (3) The last detection is within `NEAR_MM` of the limit; the flight ends there. Otherwise it
-    ends in the air, with the last detection.
+    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A flight lands in
+    one of three cases, in this order. (1) It reaches the limit between first and last detection.
+    (2) It reaches it on a straight line within `BEYOND_S` of the last detection. (3) The last
+    detection is within `NEAR_MM` of the limit; the flight ends there. Otherwise it ends in the air,
+    with the last detection.
 
     Notes
     -----
@@ -101,7 +112,7 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     """
 
     def outside(t: npt.ArrayLike) -> Array:
-        """Return by how many mm the extended fit is beyond the limit."""
+        """Return how far (n,) in mm the fit is beyond the limit at t (n,) in s."""
         return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
 
     count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
@@ -125,9 +136,9 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
 class Plausible:
     """Reject flights whose fitted trajectory is impossible.
 
-    Sampled every millisecond from t0 to the end of the flight, in this order: more than
-    `OUTSIDE_MM` outside the limit of what is in the air, or behind the camera; more than
-    `BEHIND_MM` behind the lance; faster than `FACTOR` times the air.
+    Sampled every millisecond from t0 to the end of the flight, a trajectory is impossible if it is
+    (1) more than `OUTSIDE_MM` outside the limit of what is in the air, or behind the camera;
+    (2) more than `BEHIND_MM` behind the lance; (3) faster than `FACTOR` times the air.
 
     Notes
     -----
@@ -150,7 +161,11 @@ class Plausible:
         return FACTOR * self.air_m_s
 
     def __call__(self, fit: Fit, end_s: float, wall: Cylinder, in_air: InAir) -> str:
-        """Return the reason for rejection; empty if accepted."""
+        """Return the reason for rejection; empty if accepted.
+
+        The reason is `LEAVES`, `BEHIND` or `TOO_FAST`, the first that holds anywhere between t0 and
+        ``end_s``, on the fit's clock.
+        """
         count = max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1)
         time = np.linspace(fit.t0, end_s, count)
         places = straight_on(fit, time)

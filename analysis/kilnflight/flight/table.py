@@ -33,14 +33,17 @@ EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the 
 
 @dataclass(frozen=True)
 class Rules:
-    """Criteria of flights that differ between recordings."""
+    """Criteria of flights that differ between recordings.
+
+    ``ignition`` depends on the camera's grey values, ``plausible`` on the air's velocity.
+    """
 
     ignition: Ignition = field(default_factory=Ignition)
     plausible: Plausible = field(default_factory=Plausible)
 
 
 class FieldOfView(NamedTuple):
-    """The camera's view of a recording; None where it does not matter.
+    """The camera's view of a recording; None: ends at that border are not sought.
 
     Attributes
     ----------
@@ -71,9 +74,9 @@ def flights(
     Parameters
     ----------
     tracks
-        Detections with ``particle``; those of -1 and tracks without a fit are left out. A
-        column ``background``, if there is one, holds the grey value behind each
-        (`kilnflight.kiln.background_gray`).
+        Columns frame, particle, row, col (px), gray, x, y, z (mm). Particle -1 and tracks without
+        a fit are left out. A column ``background``, if there is one, holds the grey value behind
+        each detection (`kilnflight.kiln.background_gray`).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air
@@ -121,7 +124,11 @@ def flights(
 def _flight(
     track: pd.DataFrame, fit: Fit, wall: Cylinder, in_air: InAir, rate_hz: float, rules: Rules
 ) -> dict[str, float | str | bool]:
-    """Return the row of one flight, but for its particle."""
+    """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
+
+    ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame rate. The
+    ending is decided from this track alone; `flights` corrects it to "lost".
+    """
     places = np.stack([known_numbers(track[axis], f"column {axis}") for axis in "xyz"], axis=1)
     from_lance, start_mm = starts_at_lance(places, fit)
     landed, end_s, wall_mm = end_of(fit, wall, in_air)
@@ -151,7 +158,10 @@ def _flight(
 
 
 def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
-    """Return whether a flight ends at the border of view or recording."""
+    """Return whether a flight ends at the border of view or recording.
+
+    The last row of ``track`` is within `BEYOND_S` of the last frame or `EDGE_PX` of the region.
+    """
     last = track.iloc[-1]
     if view.frames is not None:
         end = (view.frames.stop - 1) / rate_hz
@@ -166,7 +176,11 @@ def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
 
 
 def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
-    """Return whether another track begins within `BEYOND_S` and `EDGE_PX` of the end of this."""
+    """Return whether another track continues this one.
+
+    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection. ``starts`` holds the
+    first detection of every track.
+    """
     last, places = track.iloc[-1], ["row", "col"]
     after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
     apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)

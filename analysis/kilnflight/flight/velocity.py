@@ -83,14 +83,16 @@ def space_sliced_velocity(
 
 
 def slices(fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None) -> pd.DataFrame:
-    """Return the velocities over slices of 1 m of many flights, without those not reached.
+    """Return the velocities over slices of 1 m of many flights, in m/s.
+
+    The table is `kilnflight.tables.SLICES`, without slices that were not reached.
 
     Parameters
     ----------
     fits
         By particle.
     ends_s
-        By particle: the end of its flight, where it is known.
+        By particle: the end of its flight in s, where it is known; else the last detection.
     """
     parts = []
     for particle, fit in fits.items():
@@ -102,7 +104,9 @@ def slices(fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None) -
 
 
 def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
-    """Return ``slice_m``, ``number``, ``share`` and ``median_m_s`` of the particles in each slice.
+    """Return number, share and median velocity of the particles in each slice.
+
+    These are the box plots' medians and percentages of Figs 5.21 to 5.24.
 
     Parameters
     ----------
@@ -110,6 +114,12 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
         Of `slices`.
     counted
         Number of particles, including those that reach no slice.
+
+    Returns
+    -------
+    DataFrame
+        One row per slice: ``slice_m``, ``number`` of particles, ``share`` of ``counted`` (0 to 1)
+        and ``median_m_s``.
     """
     columns = {"number": ("particle", "nunique"), "median_m_s": ("velocity_m_s", "median")}
     table = sliced.groupby("slice_m").agg(**columns).reset_index()
@@ -118,11 +128,15 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
 
 
 def _reached(fit: Fit, end: float, step: float) -> list[float]:
-    """Return the ages in s at which the distance from the lance first is 1, 2, ... steps in mm."""
+    """Return the ages in s at which the depth travelled first is 1, 2, ... steps.
+
+    ``step`` is in mm, below 0 for slices behind the lance; ``end`` is the age at the end of the
+    flight. Ages count from t0.
+    """
     factors = -check_finite(fit.coefficients[2], "space_sliced_velocity: fit")
 
     def far(at: Array | float) -> Array:
-        """Return the distance in steps, below 0 behind the lance."""
+        """Return the depth travelled, in steps, at ages in s; below 0: the other side."""
         return np.asarray(np.polyval(np.append(factors[::-1], 0.0), at) / step)
 
     # Between these ages the distance is monotone. The real part of a complex root does no harm,

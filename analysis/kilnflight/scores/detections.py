@@ -31,10 +31,10 @@ NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 call
 def rates(
     true_positives: npt.ArrayLike, false_positives: npt.ArrayLike, false_negatives: npt.ArrayLike
 ) -> pd.DataFrame:
-    """Return a table of ``precision``, ``recall`` and ``f1`` of counts, one row per entry.
+    """Return ``precision``, ``recall`` and ``f1`` of counts, one row per entry.
 
-    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP + FP + FN)``;
-    a ratio without a denominator is 0.
+    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP + FP + FN)``
+    (Eqs 3.1 to 3.3); a ratio without a denominator is 0.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ def rates(
 class FrameScore:
     """Scores of the detections of one frame (Eqs 3.1 to 3.3).
 
-    Particles and detections outside the region of interest are in none of them.
+    Particles and detections outside the region of interest are not counted. Rows are those of the
+    arrays that were scored.
     """
 
     tp: int
@@ -78,18 +79,18 @@ def score_detections(
     gate: float = DETECTION_GATE_PX,
     roi: npt.ArrayLike | None = None,
 ) -> FrameScore:
-    """Assign detections to particles within a gate, and count (Eq. 3.4).
+    """Count the detections of one frame within a gate of a particle (Eq. 3.4).
 
-    The assignment is that of the Hungarian method.
+    The Hungarian method assigns detections to particles.
 
     Parameters
     ----------
     truth, detected
-        (n, 2) and (m, 2) row, col of the particles and detections of one frame.
+        (n, 2) and (m, 2) row, col in px of the particles and detections of one frame.
     gate
         Largest distance of a pair in px; a pair at the gate counts (Eq. 3.4).
     roi
-        (k, 2) corners row, col; only points inside take part.
+        (k, 2) corners row, col in px; only points inside take part.
 
     Raises
     ------
@@ -117,7 +118,9 @@ def score_detections(
 
 
 def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
-    """Return the mean ``row``, ``col`` of each particle's pixels, by particle.
+    """Return the mean ``row``, ``col`` in px of each particle's pixels, by particle.
+
+    `score_in_pixels` takes them as the truth.
 
     Parameters
     ----------
@@ -137,20 +140,20 @@ def score_in_pixels(
     detected: npt.ArrayLike,
     roi: npt.ArrayLike | None = None,
 ) -> FrameScore:
-    """Count detections within the pixels of a particle (section 5.1.1).
+    """Count the detections of one frame within the pixels of a particle.
 
-    A detection counts if it "falls within the pixel range of a particle".
+    In section 5.1.1 a detection counts if it "falls within the pixel range of a particle".
 
     Parameters
     ----------
     image
         (rows, cols) integers, the particle of each pixel.
     centroids
-        Of `particle_centroids`: the particles of the truth.
+        Of `particle_centroids`, one row per particle of the truth.
     detected
-        (m, 2) row, col; a detection belongs to the nearest pixel, and to none outside.
+        (m, 2) row, col in px; a detection belongs to the nearest pixel, and to none outside.
     roi
-        (k, 2) corners row, col; only detections and centroids inside take part.
+        (k, 2) corners row, col in px; only detections and centroids inside take part.
 
     Notes
     -----
@@ -173,7 +176,7 @@ def score_in_pixels(
 
 
 def _places(values: npt.ArrayLike, name: str) -> Array:
-    """Return row, col as (n, 2)."""
+    """Return row, col in px as (n, 2), checked; ``name`` is for errors."""
     array = check_finite(values, name)
     if array.size == 0:
         return np.empty((0, 2))
@@ -182,14 +185,18 @@ def _places(values: npt.ArrayLike, name: str) -> Array:
 
 
 def _within(roi: npt.ArrayLike | None, places: Array) -> Index:
-    """Return the indices of the places in the region of interest."""
+    """Return the row numbers of the places (n, 2) in the region of interest (k, 2)."""
     if roi is None:
         return np.arange(len(places))
     return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))
 
 
 def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
-    """Return the score of pairs among the rows inside the region of interest."""
+    """Return the score of pairs among the rows inside the region of interest.
+
+    ``true`` (n,) and ``found`` (m,) are the row numbers inside, ``pairs`` (tp, 2) the row numbers
+    of truth and detection that belong together.
+    """
     missed, spurious = np.setdiff1d(true, pairs[:, 0]), np.setdiff1d(found, pairs[:, 1])
     counts = len(pairs), len(spurious), len(missed)
     precision, recall, f1 = rates(*counts).iloc[0].tolist()
@@ -198,10 +205,11 @@ def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
 
 
 def pair(first: Array, second: Array, gate: float) -> Index:
-    """Return the rows (k, 2) of two sets of points that belong together.
+    """Return the rows (k, 2) of two sets of points that belong together (Eq. 3.4).
 
     ``first`` is (n, d), ``second`` (m, d). As many pairs as possible that are no farther apart
-    than ``gate``; of these assignments the one with the smallest sum of distances (Eq. 3.4).
+    than ``gate``, in the unit of the points; of these assignments the one with the smallest sum of
+    distances.
     """
     if not len(first) or not len(second):
         return np.empty((0, 2), dtype=np.intp)
@@ -220,7 +228,7 @@ def pair(first: Array, second: Array, gate: float) -> Index:
 def count_in_air(
     score: FrameScore, truth_in_air: npt.ArrayLike, detected_in_air: npt.ArrayLike
 ) -> dict[str, int]:
-    """Count the detections of a frame classified as in the air.
+    """Return TP, FP and FN of one frame's classification as in the air.
 
     As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is classified as such.
     FP is any other detection classified as in the air, on the wall or spurious. FN is any other
@@ -232,8 +240,14 @@ def count_in_air(
     score
         Assignment of detections to particles.
     truth_in_air, detected_in_air
-        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D. Those
-        without 3D are False and so "not taken into consideration" (section 5.1.4).
+        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D, in the rows
+        of the arrays that were scored. Those without 3D are False and so "not taken into
+        consideration" (section 5.1.4).
+
+    Returns
+    -------
+    dict
+        Counts by "tp", "fp", "fn"; the input of `rates`.
     """
     flying = [np.asarray(side, dtype=bool) for side in (truth_in_air, detected_in_air)]
     true, classified = (mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True))

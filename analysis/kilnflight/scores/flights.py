@@ -20,33 +20,33 @@ LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the 
 
 
 class FlightValues(NamedTuple):
-    """Values of the counted particles; NaN for what did not happen.
+    """Values of k complete flights, n counted particles and m lost flights.
 
-    A dwell time ends "by landing or complete burning out" (section 5.3.1 of the thesis). Flights
-    that are "not fully tracked" "cannot be analyzed" (A.1), so lost flights have none: they are
-    censored at the time they were seen.
+    NaN stands for what did not happen. A dwell time ends "by landing or complete burning out"
+    (section 5.3.1 of the thesis). Flights that are "not fully tracked" "cannot be analyzed" (A.1),
+    so lost flights have none: they are censored at the time they were seen.
     """
 
     dwell_s: Array  # (k,): of complete flights
-    velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8)
-    ignition_s: Array  # (n,): from the lance
-    reached_m: Array  # (n,): how far from the lance the flight ends
-    censored_s: Array = np.empty(0)  # (m,): how long lost flights were seen
+    velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8); NaN: not reached
+    ignition_s: Array  # (n,): time from the lance; NaN: not ignited
+    reached_m: Array  # (n,): depth travelled from the lance at the end of the flight
+    censored_s: Array = np.empty(0)  # (m,): time from the lance until lost flights were last seen
     lost: Flags = np.zeros(0, np.bool_)  # (n,): which flights these are; empty: none
 
 
 def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
     """Return the share of particles that pass 1 ... 5 m in per cent, and their number.
 
-    A flight ends where its dwell time does. A lost one is censored at its last detection (Kaplan
-    and Meier 1958).
+    Figs 5.21 to 5.24 print these shares. A flight ends where its dwell time does. A lost one is
+    censored at its last detection (Kaplan and Meier 1958).
 
     Returns
     -------
     share : array (5,)
-        NaN without particles.
+        Per cent, by metre of `METRES`; NaN without particles.
     counted : array (5,)
-        Particles that were not lost before.
+        Particles that were not lost before that metre.
     """
     passed = np.where(np.isnan(flight_values.velocity_m_s), 0.0, METRES).max(axis=1, initial=0.0)
     far = np.fmax(passed, flight_values.reached_m)
@@ -60,12 +60,21 @@ def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
 
 
 def quartiles(values: Array) -> Array:
-    """Return the quartiles (3, ...) of the finite values (n, ...), NaN without values."""
+    """Return the quartiles (3, ...) of the finite values (n, ...) by column.
+
+    NaN without values.
+    """
     return pd.DataFrame(values).quantile([0.25, 0.5, 0.75]).to_numpy().reshape(3, *values.shape[1:])
 
 
 def outcomes(flight_values: FlightValues) -> pd.Series:
-    """Return every quantity by its name and unit, NaN without a value."""
+    """Return every quantity of section 5.3 by its name and unit, NaN without a value.
+
+    Velocities are medians; "last" is the farthest metre that at least `LAST_SHARE` of the particles
+    pass. Dwell times are those of complete flights. "ignited" counts all particles, "% of ignited"
+    those that ignited. "spread" is the interquartile range. The names are keys of the published
+    numbers (``flight.csv``), and `kilnflight.experiments.flights.interval_of` reads them.
+    """
     times, ignition_s = pd.Series(flight_values.dwell_s), pd.Series(flight_values.ignition_s)
     share, lit = remaining(flight_values)[0], ignition_s.dropna()
     low, velocity, high = quartiles(flight_values.velocity_m_s)
@@ -98,9 +107,21 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
 
 
 def ignition_histogram(ignition_s: Array, width_s: float = 0.1, bins: int = 8) -> pd.DataFrame:
-    """Return ``from_s`` and ``percent`` of all particles that ignite in each bin of time.
+    """Return the share of particles that ignite in each bin of time (Figs 5.25, 5.26).
 
-    The last bin holds all later ignitions. Times are counted from the lance and so not below 0.
+    A time on the edge of two bins belongs to the earlier. The last bin holds all later ignitions.
+
+    Parameters
+    ----------
+    ignition_s
+        (n,) time from the lance in s, not below 0; NaN: not ignited.
+    width_s, bins
+        Width of a bin in s (0.1, section 5.3.2) and number of bins.
+
+    Returns
+    -------
+    DataFrame
+        ``from_s``: start of the bin; ``percent`` of all n particles.
     """
     times = ignition_s[np.isfinite(ignition_s)]
     if (times < 0).any():

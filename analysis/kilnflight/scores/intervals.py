@@ -29,7 +29,7 @@ LEAST = 6  # particles; the range of n values holds the median with probability 
 
 
 class Interval(NamedTuple):
-    """An estimate and its confidence interval.
+    """An estimate and its 95 % confidence interval.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Interval(NamedTuple):
     low, high
         Infinite where the sample is too small to say (-1, 0 or 1 for shares).
     numbers
-        Particles in each group.
+        Particles in each group: one group, or two of a difference.
     """
 
     estimate: float
@@ -48,7 +48,7 @@ class Interval(NamedTuple):
 
 
 def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
-    """Return the ends of the interval that holds the middle 95 % of draws."""
+    """Return the ends of the interval that holds the middle 95 % of draws (n,)."""
     tail = (1 - LEVEL) / 2
     low, high = np.quantile(np.asarray(values, dtype=np.float64), [tail, 1 - tail])
     return float(low), float(high)
@@ -57,7 +57,8 @@ def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
 def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
-    ``generator`` is left as it was, so that the same particles have the same interval everywhere.
+    The interval has the values' unit. ``generator`` is copied, not advanced, so that the same
+    particles have the same interval everywhere.
 
     Notes
     -----
@@ -76,9 +77,9 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
 
 
 def share(number: int, counted: int) -> Interval:
-    """Return the interval of a share, ``number`` of ``counted`` (Wilson 1927).
+    """Return the share ``number`` of ``counted`` with its interval (Wilson 1927).
 
-    With ``counted`` 0 it is 0 to 1.
+    Shares are 0 to 1. With ``counted`` 0 the share is NaN and the interval 0 to 1.
     """
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
@@ -92,9 +93,16 @@ def track_draws(
 ) -> Array:
     """Return bootstrap draws (DRAWS, 4) of alpha, beta, JSC and JSC_theta.
 
-    True trajectories are drawn with replacement, each with the gain and the matches of its partner.
-    The number of times a false track is drawn follows Poisson's law of mean 1, so that their number
-    varies too. The pairing is not repeated.
+    Table 5.17 gets its intervals from them. True trajectories are drawn with replacement, each with
+    the gain and the matches of its partner. The number of times a false track is drawn follows
+    Poisson's law of mean 1, so that their number varies too. The pairing is not repeated.
+
+    Parameters
+    ----------
+    score
+        Of `kilnflight.scores.score_tracks`, with at least one true track.
+    seed, false_seed
+        Of the draws of true trajectories and of false tracks.
 
     Notes
     -----
@@ -116,9 +124,10 @@ def track_draws(
 
 
 def difference_interval(first: Interval, second: Interval) -> Interval:
-    """Return the difference of two independent estimates with its interval (Newcombe 1998).
+    """Return first minus second with its interval (Newcombe 1998).
 
-    The distances from the estimates to the ends add as squares. An unknown end makes it infinite.
+    The estimates must be independent. The distances from the estimates to the ends add as squares.
+    An unknown end makes the interval infinite.
     """
     numbers, estimate = (*first.numbers, *second.numbers), first.estimate - second.estimate
     down = math.hypot(first.estimate - first.low, second.high - second.estimate)

@@ -18,7 +18,7 @@ from kilnflight.arrays import Array, Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number
 from kilnflight.tables import order_tracks, with_pixels
 
-TIE = 1e-9  # frames; pairs that differ from the dummy by rounding are ties, given to the dummy
+TIE = 1e-9  # gates; smaller gains over the dummy are rounding: a tie, which is no pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class TrackScore:
         True tracks with a partner, without one, and candidate tracks without one (Eq. 5.7).
     pairs
         One row per pair, by true particle: ``truth``, ``candidate`` (particles) and
-        ``distance`` (Eq. 5.2, in units of the gate's).
+        ``distance`` (Eq. 5.2, summed over frames, in the unit of the gate).
     true_tracks
         One row per true track: ``length`` in frames, ``gain`` (by its partner, in gates), ``tp``,
         ``fp`` (positions of its partner) and ``paired``. All measures are sums over these rows and
@@ -154,7 +154,11 @@ def _by_track(
     pairs: tuple[Index, Index],
     compared: tuple[Array, Whole, Whole],
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the tables of true tracks and of tracks without a partner."""
+    """Return the tables ``true_tracks`` and ``false_tracks`` of `TrackScore`.
+
+    ``pairs`` are the indices (k,) in ``true`` and in ``other`` of each pair. ``compared`` are the
+    three arrays (n true, m other) of `_compare`.
+    """
     gain, matched, false = (values[pairs] for values in compared)
     units = pd.DataFrame({"length": [t.length for t in true], "gain": 0.0, "tp": 0, "fp": 0})
     units["paired"] = False
@@ -167,11 +171,11 @@ def _by_track(
 
 
 class Track(NamedTuple):
-    """The positions of one particle by ascending frame."""
+    """The n positions of one particle by ascending frame."""
 
     particle: int
     frames: Whole  # (n,)
-    points: Array  # (n, dimensions)
+    points: Array  # (n, d) coordinates, in the unit of the gate
 
     @property
     def length(self) -> int:
@@ -180,7 +184,11 @@ class Track(NamedTuple):
 
 
 def _read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list[Track]:
-    """Return the tracks of a table, ordered by frames and positions."""
+    """Return the tracks of a table, ordered by frames and positions.
+
+    The order does not depend on the rows or on the numbers of particles, and decides between
+    equally good assignments. ``columns`` name the coordinates, ``where`` the table in errors.
+    """
     check_columns(table, ["frame", "particle"], where)
     table = with_pixels(table) if {"row", "col"} <= set(columns) else table
     check_columns(table, columns, where)
@@ -196,11 +204,13 @@ def _read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> lis
 def _compare(
     true: Sequence[Track], other: Sequence[Track], gate: float
 ) -> tuple[Array, Whole, Whole]:
-    """Return gains, matches and false positions of all pairs.
+    """Return gains, matches and false positions of all pairs, (n true, m other) each.
 
-    Three arrays (n true, m other). A gain, in gates, is the cost of the dummy minus that of a pair.
-    The dummy costs the gate per true frame. A match gains gate - distance. A frame of the candidate
-    beyond the ends of the true track costs one gate; other frames cost as much as the dummy's.
+    A gain, in gates, is the cost of the dummy minus that of a pair (Eqs 5.1 and 5.2). The dummy, an
+    empty track, costs the gate per true frame. A match gains gate - distance. A frame of the
+    candidate beyond the ends of the true track costs one gate; other frames cost as much as the
+    dummy's. Matches and false positions are numbers of frames. Pairs without a match have a gain of
+    0.
     """
     shape = len(true), len(other)
     saved, matched, false = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
