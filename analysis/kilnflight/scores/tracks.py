@@ -102,8 +102,9 @@ def score_tracks(
     A track lasts from its first to its last frame. Frames between without a row are interpolated
     linearly and count for the length. Such a virtual position of the truth can be matched, as the
     particle was there. A virtual position of a candidate matches nothing, and is no false positive
-    between the ends of its partner. Beyond these ends every frame of a candidate is false. A pair
-    must be better than the true track's dummy: ties are not pairs. Of equally good assignments the
+    between the ends of its partner. Beyond these ends every frame of a candidate is false. A true
+    track's dummy is an empty track, its partner if it has none (Eq. 5.3); it costs the gate in
+    every frame. A pair must be better than the dummy: ties are not pairs. Of equally good assignments the
     one taken depends on the positions alone, not on the order of rows or the numbers of particles.
 
     Examples
