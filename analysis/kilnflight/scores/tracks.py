@@ -104,8 +104,9 @@ def score_tracks(
     particle was there. A virtual position of a candidate matches nothing, and is no false positive
     between the ends of its partner. Beyond these ends every frame of a candidate is false. A true
     track's dummy is an empty track, its partner if it has none (Eq. 5.3); it costs the gate in
-    every frame. A pair must be better than the dummy: ties are not pairs. Of equally good assignments the
-    one taken depends on the positions alone, not on the order of rows or the numbers of particles.
+    every frame. A pair must be better than the dummy: ties are not pairs. Of equally good
+    assignments the one taken depends on the positions alone, not on the order of rows or the
+    numbers of particles.
 
     Examples
     --------
