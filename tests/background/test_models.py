@@ -162,6 +162,11 @@ def test_a_particle_appears_where_it_is_bright_or_dark(model):
     np.testing.assert_allclose(next(model(65535 - stack, [100])), foreground, rtol=1e-6)
 
 
+def test_frames_of_different_shapes_are_refused():
+    with pytest.raises(InputError, match="frame 1"):
+        list(Mean(4)([np.zeros((3, 4)), np.zeros((3, 5))], [0]))
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, ">u2", np.float32])
 @pytest.mark.parametrize("kind", WINDOWED)
 def test_the_foreground_is_the_difference_or_its_positive_part(kind, dtype):

@@ -151,6 +151,13 @@ def test_calibration_takes_medians():
     np.testing.assert_allclose(fitted(last, TARGET), [0.62] * 3)
 
 
+def test_cvbc_leaves_out_particles_without_a_prediction_by_cv():
+    last, still = last_of((623.0, 1000.0, 0.0), (623.0, 0.0, 9.0)), last_of((623.0, 0.0, 9.0))
+    assert models.CVBC().calibrated(last, arrivals(0.66, 0.9), TARGET).bias_s == pytest.approx(0.01)
+    with pytest.raises(InputError, match="last"):
+        models.CVBC().calibrated(still, arrivals(0.9), TARGET)
+
+
 @lateral_by_name
 def test_a_particle_without_lateral_motion_stays(model):
     fitted = model.calibrated(

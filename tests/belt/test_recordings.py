@@ -94,6 +94,10 @@ def test_positions_and_the_tracks_of_the_authors(path):
     assert table.columns.tolist() == ["frame", "x", "y", "author_track"]
     assert table.to_numpy().tolist() == [[0, 10, 5, 0], [0, 30, 50, -1], [1, 95, 5.5, 0]]
     assert links(table, "author_track").tolist() == [(0, 2)]
+    alone = path.with_name("002.csv.gz")
+    write(alone, MIDPOINTS + ROWS)
+    assert (read_recording(alone)["author_track"] == -1).all()
+    alone.unlink()
     plain = path.with_suffix("")  # not packed
     plain.write_bytes(gzip.decompress(path.read_bytes()))
     assert find_recordings() == {"spheres": [plain]}

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kilnflight.checks import InputError
 from kilnflight.flight import reaching, slices, space_sliced_velocity
 from kilnflight.tables import SLICES
 
@@ -80,3 +81,11 @@ def test_many_flights_and_their_share_in_each_slice(polynomials):
     assert len(slices(fits, {4: 0.15, 9: 9.0})) == 4
     assert list(slices({}).columns) == SLICES.names
     assert len(reaching(slices({}), 0)) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "more"), [("until_s", {"until_s": -9.0}), ("slice_m", {"slice_m": 1e-7})]
+)
+def test_no_flight_and_too_many_slices_are_refused(polynomials, name, more):
+    with pytest.raises(InputError, match=name):
+        space_sliced_velocity(polynomials(((0.0,), (0.0,), (-8000.0,))), **more)

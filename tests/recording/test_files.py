@@ -234,7 +234,13 @@ def test_what_is_no_film_in_memory_is_refused(source):
         open_any(source)
 
 
-def test_a_frame_of_another_size_or_a_mask_is_named():
+def test_a_frame_of_another_size_or_kind_or_a_mask_is_named(tmp_path):
+    mixed = open_any([FILM[0], FILM[1] + 0.5])
+    with pytest.raises(InputError, match="frame 1"):
+        mixed.gray(1)
+    pictures(tmp_path / "p", "png", FILM)
+    (tmp_path / "p" / "notes.txt").write_text("no picture")
+    assert len(open_any(tmp_path / "p")) == 5
     recording = open_any([FILM[0], FILM[1, 1:], np.ma.masked_array(FILM[2], FILM[2] > 9)])
     for t in (1, 2, 3):
         with pytest.raises(InputError, match=f"frame {t}"):
