@@ -1,63 +1,54 @@
-"""The tracking experiment on a made-up window."""
+"""The tracking experiment and the scores of Table 5.17 on hand-made tracks."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight import tracklets
-from kilnflight.experiments import tracking, tracking_scores
-from kilnflight.experiments.tracking_scores import Lance
+from kilnflight.experiments import tracking
+from kilnflight.experiments import tracking_scores as scores
 from kilnflight.tracking.tracker import track
 
-FRAMES = range(30)
-LANCE = Lance(row=160.0, col=20.0, depth_mm=6000.0)  # 100 px from both lanes
+LANCE = scores.Lance(row=500.0, col=900.0, depth_mm=6500.0)
 
 
 class Flat:
     """Frame differences: one everywhere."""
 
-    shape = (999, 400, 500)
+    shape = (999, 1536, 2048)
 
     def __getitem__(self, box):
         return np.ones([side.stop - side.start for side in box])
 
 
-@pytest.fixture
-def window():
-    frame = np.repeat(FRAMES, 2)
-    lane = np.tile([0, 1], len(FRAMES))
-    truth = pd.DataFrame({"frame": frame, "particle": lane + 7, "row": 60.0 + 200 * lane})
-    truth = truth.assign(col=20.0 + 9.0 * frame, x=0.0, y=0.0, z=6000.0)
+def path(particle, row=500.0, col=900.0, z=6500.0, frames=range(20)):
+    """A track that leaves a place to the right and towards the camera."""
+    age = np.arange(len(frames))
+    table = {"frame": list(frames), "particle": particle, "row": row, "col": col + 20.0 * age}
+    return pd.DataFrame({**table, "x": 0.0, "y": 0.0, "z": z - 30.0 * age})
+
+
+def test_each_part_is_replaced_by_the_truth():
+    truth = pd.concat([path(k, row=row, frames=range(30)) for k, row in ((7, 400.0), (8, 600.0))])
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
-    seen = pd.concat([seen, clutter], ignore_index=True).sort_values("frame", ignore_index=True)
-    return tracking.Window("confetti", FRAMES, seen, truth, Flat(), LANCE)
-
-
-def test_a_window_is_followed_without_and_with_post_processing(window):
-    tracked = tracking.follow_all([window], {"GNN": track})
-    table = tracking_scores.tabulate(tracking.cells([window], tracked).values())
-    before, after = (table.set_index("postprocessing").loc[name] for name in ("without", "with"))
-    assert after["alpha"] >= before["alpha"] > 0.85
-    assert after["tp_tracks"] == 2
-
-
-def test_each_part_is_replaced_by_the_truth(window):
-    owner = tracking.true_particles(window.detections, window.truth)
+    seen = pd.concat([seen, clutter]).sort_values("frame", ignore_index=True)
+    window = tracking.Window("confetti", range(30), seen, truth, Flat(), LANCE)
+    owner = tracking.true_particles(seen, truth)
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
-    table = tracking.ablate([window], {"GNN": track})
-    unprocessed = table[table["postprocessing"] == "without"].set_index(["input", "tracker"])
-    assert unprocessed.loc[("true positions", "GNN"), "alpha"] == pytest.approx(1.0)
-    links = unprocessed.loc[("detections", "links by the truth")]
+    names = ["input", "tracker", "postprocessing"]
+    table = tracking.ablate([window], {"GNN": track}).set_index(names).sort_index()
+    assert table.loc[("true positions", "GNN", "without"), "alpha"] == pytest.approx(1.0)
+    links = table.loc[("detections", "links by the truth", "without")]
     assert links["jsc_theta"] == 1.0
     assert links["alpha"] == pytest.approx(54 / 60)
-    right, every = (
-        unprocessed.loc[("right detections only", "GNN")],
-        unprocessed.loc[("detections", "GNN")],
-    )
-    assert right["beta"] >= every["beta"]
+    right = table.loc[("right detections only", "GNN", "without")]
+    before, after = (table.loc[("detections", "GNN", stage)] for stage in scores.STAGES)
+    assert right["beta"] >= before["beta"]
     assert right["fp_tracks"] == 0
+    assert after["alpha"] >= before["alpha"] > 0.85
+    assert after["tp_tracks"] == 2
 
 
 def test_defaults_of_the_steps_are_those_of_table_5_16():
@@ -67,3 +58,63 @@ def test_defaults_of_the_steps_are_those_of_table_5_16():
     assert (connection.gap, connection.overlap, connection.depth) == (15, 5, 1500.0)
     assert fusion.distance == 10.0
     assert tuple(vars(connection.costs).values()) == (2.0, 2.0, 0.1, 1.0, 2.0, 1e11)
+
+
+def test_what_starts_at_the_lance_and_continues_is_kept():
+    elsewhere, short = path(1, col=1300.0), path(2, frames=range(50, 64))
+    in_front, no_depth = path(3, z=5000.0), path(4, z=np.nan)
+    backwards = path(5).assign(frame=lambda t: t["frame"].to_numpy()[::-1])
+    tracks = pd.concat([path(-1), path(0), elsewhere, short, in_front, no_depth, backwards])
+    assert sorted(scores.from_lance(tracks, LANCE)["particle"].unique()) == [0, 4]
+
+
+def test_truth_and_tracks_are_restricted_alike():
+    truth = pd.concat([path(0), path(1, col=1300.0, row=900.0)])
+    tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0)])
+    cell = scores.score_cell(("a", "GNN", "with"), truth, tracks, LANCE, (1, 1, 2))
+    found = scores.measures_of(cell.score)
+    assert (found["alpha"], found["beta"], found["jsc_theta"]) == (1.0, 0.5, 0.5)
+
+
+def right(seen):
+    """Label by time, which is right in the windows of `cells`."""
+    return seen.assign(particle=seen["frame"] // 30)
+
+
+def half(seen):
+    """Follow every other trajectory only."""
+    return right(seen).assign(particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1))
+
+
+@pytest.fixture(scope="module")
+def cells():
+    truth = pd.concat([path(k, frames=range(30 * k, 30 * k + 20)) for k in range(12)])
+    seen = truth.drop(columns="particle").reset_index(drop=True)
+    windows = [
+        tracking.Window(name, range(360), seen, truth, Flat(), LANCE)
+        for name in scores.SINGULARS.values()
+    ]
+    return tracking.cells(windows, tracking.follow_all(windows, {"GNN": right, "JPDA": half}))
+
+
+def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
+    table = scores.tabulate(cells.values())
+    assert len(table) == 4 * 2 * 2
+    for name in scores.MEASURES:
+        assert table[name].between(table[f"{name}_low"], table[f"{name}_high"]).all()
+    assert (table.loc[table["tracker"] == "JPDA", "alpha"] == 0.5).all()
+    beside = scores.beside_published(table)
+    assert len(beside) == 64
+    assert beside["published"].between(0, 1).all()
+
+
+def test_differences_are_paired_means_of_both_sides(cells):
+    row = scores.difference(cells, (scores.MEAN, "JPDA - GNN", "with"), "alpha, beta")
+    assert row["recomputed"] == pytest.approx(-0.5)
+    assert row["low"] < -0.5 < row["high"] < 0
+    printed = scores.published().query("postprocessing == 'with' and measure in ['alpha', 'beta']")
+    mean = printed.groupby("tracker")["published"].mean()
+    assert row["published"] == pytest.approx(mean["JPDA"] - mean["GNN"])
+    same = scores.difference(cells, ("confetti", scores.BOTH, "with - without"), "jsc")
+    assert (same["recomputed"], same["low"], same["high"]) == (0.0, 0.0, 0.0)  # nothing to mend
+    assert scores.differences(cells)["claim"].nunique() == 7
