@@ -19,19 +19,14 @@ def subset(kept_scene):
     return detection.Subset("V3", twin, frames, marked, instances.get, MEDIAN, {})
 
 
-def perfect(subset):
-    """Return a method that detects every particle: it knows a frame by its grey values."""
+def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
     known = {subset.recording.gray(t).tobytes(): t for t in subset.frames}
 
-    def method(view):
+    def perfect(view):
         here = subset.particles["frame"] == known[view.gray.tobytes()]
         return subset.particles.loc[here, ["row", "col"]].to_numpy()
 
-    return method
-
-
-def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
-    methods = {"all": perfect(subset), "none": lambda view: np.empty((0, 2))}
+    methods = {"all": perfect, "none": lambda view: np.empty((0, 2))}
     table = detection.run([subset], methods)
     total = detection.sum_counts(table, ["method"]).set_index("method")
     assert total.loc["all", ["precision", "recall", "f1"]].tolist() == [1, 1, 1]
@@ -68,11 +63,8 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
     places = marked[["x", "y", "z"]].to_numpy()
     for particle, place in zip(marked["particle"], places, strict=True):
         points = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == particle]
-        if len(points):
-            np.testing.assert_allclose(place, points.mean(axis=0))
-        else:
-            assert np.isnan(place).all()
+        mean = points.mean(axis=0) if len(points) else np.full(3, np.nan)
+        np.testing.assert_allclose(place, mean)
     assert marked["z"].notna().any()
-    assert set(detected["subset"]) <= {"V3"}
     for table in (marked, detected):
         np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))

@@ -21,9 +21,7 @@ def attempts(**true_positives):
 def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     table = attempts(one=(5, 5, 5), other=(8, 8, 8))
     draws = detection_tables.resampled_rates(table, 0, draws=50)
-    assert {name: rate.shape for name, rate in draws.items()} == dict.fromkeys(
-        ("precision", "recall", "f1"), (50, 2)
-    )
+    assert {rate.shape for rate in draws.values()} == {(50, 2)}
     assert draws["f1"]["one"].to_numpy() == pytest.approx(2 * 5 / 15)
     assert draws["recall"]["other"].to_numpy() == pytest.approx(0.8)
     assert (draws["precision"] == 1).all(axis=None)
@@ -37,10 +35,6 @@ def test_particles_are_classified_by_their_distance_from_the_axis():
     marked = pd.DataFrame({"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"})
     marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
     thresholds = {"low": 750.0, "high": 800.0}
-    table = detection_tables.classification_table(marked, marked, thresholds, None)
-    counts = table.set_index(["threshold", "subset"])[["tp", "fp", "fn"]]
-    assert counts.loc[("low", "V1")].tolist() == [1, 0, 1]
-    assert counts.loc[("high", "Total")].tolist() == [2, 1, 0]
     more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])
     table = detection_tables.classification_table(more, more, thresholds, None)
     counts = table.set_index(["threshold", "subset"])

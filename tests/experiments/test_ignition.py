@@ -5,29 +5,17 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import ignition
-from kilnflight.flight import kept
 from kilnflight.recording.files import open_any
-from kilnflight.tables import FLIGHTS
-
-FRAMES = np.arange(20)
-FLIGHT = {"t0_s": -0.1, "first_s": 0.0, "last_s": 1.9, "end_s": 1.25, "dwell_s": 1.35}
-FLIGHT |= {"ending": "landed", "start_mm": 0.0, "ignition": "none", "ignition_s": np.nan}
-FLIGHT |= {"rise_gray": 0.0, "wall_mm": 700.0}
 
 
-def test_a_trace_counts_up_to_the_landing_and_of_kept_flights_only():
+def test_a_trace_counts_up_to_the_landing():
     """The wall ignites all that land (5.1.1)."""
-    rows = [FLIGHT | {"particle": k, "from_lance": True, "refused": ""} for k in range(3)]
-    rows[2]["refused"] = "too fast"
-    flights = pd.DataFrame(rows)[FLIGHTS.names]
-    courses = {0: np.where(FRAMES < 8, 900.0, 2000.0), 1: np.where(FRAMES < 13, 900.0, 2000.0)}
-    tracks = pd.concat(
-        [
-            pd.DataFrame({"particle": k, "frame": FRAMES, "time_s": FRAMES / 10, "gray": gray})
-            for k, gray in courses.items()
-        ]
-    ).assign(background=1000.0)
-    count = ignition.count_lit(kept(flights), tracks, pd.Series({0: False, 2: True}))
+    flights = pd.DataFrame({"particle": range(2), "end_s": 1.25})
+    particle, frame = np.repeat([0, 1], 20), np.tile(np.arange(20), 2)
+    gray = np.where(frame < np.where(particle == 0, 8, 13), 900.0, 2000.0)
+    tracks = {"particle": particle, "frame": frame, "time_s": frame / 10, "gray": gray}
+    tracks = pd.DataFrame(tracks).assign(background=1000.0)
+    count = ignition.count_lit(flights, tracks, pd.Series({0: False, 2: True}))
     assert (count["light_up"], count["light_at_first"], count["too_few"]) == (1, 0, 0)
     assert [count[name] for name in ("unlit", "unlit_light", "lit", "lit_light")] == [1, 1, 0, 0]
     assert (count["number"], count["estimate"]) == (2, 0.5)
@@ -44,12 +32,9 @@ def test_rates_of_hits_and_false_alarms():
             "true_ignition_s": [0.1, 0.2, np.nan, np.nan, np.nan, 0.1],
             "measured_ignition_s": [0.13, np.nan, 0.3, np.nan, np.nan, np.nan],
         }
-        | {
-            f"{kind}_{name}": 1.0
-            for kind in ("true", "measured")
-            for name in ("dwell_s", "velocity_m_s")
-        }
     )
+    other = ["true_dwell_s", "measured_dwell_s", "true_velocity_m_s", "measured_velocity_m_s"]
+    both = both.assign(**dict.fromkeys(other, 1.0))
     row = ignition.detection_rates(both, [("confetti", 4.5)]).iloc[0]
     assert (row["lit"], row["unlit"]) == (2, 3)  # of the five that were detected
     assert row["hit_percent"] == pytest.approx(50)
