@@ -15,13 +15,12 @@ pytestmark = pytest.mark.published
 def code_lines(path: Path) -> int:
     """Return how many lines of a file hold code: no docstring, comment or blank line."""
     text = path.read_text("utf-8")
-    lines = {k for k, line in enumerate(text.splitlines(), 1) if line.strip(" \t")}
-    lines -= {k for k, line in enumerate(text.splitlines(), 1) if line.lstrip().startswith("#")}
+    stripped = (line.strip(" \t") for line in text.splitlines())
+    lines = {k for k, line in enumerate(stripped, 1) if line and not line.startswith("#")}
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
-            node
-        ):
-            lines -= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+        documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        if documented and ast.get_docstring(node):
+            lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return len(lines)
 
 
