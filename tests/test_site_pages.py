@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -60,27 +59,18 @@ def parsed(site):
     return {path: Parsed(path) for path in sorted(site.rglob("*.html"))}
 
 
-def target(page: Path, link: str) -> tuple[Path, str] | None:
-    """The file and the place in it that a link leads to; nothing if it leaves the site."""
-    parts = urlsplit(link)
-    if parts.scheme:
-        return None
-    path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
-    return path, unquote(parts.fragment)
-
-
 def test_every_link_of_every_page_resolves(site, parsed):
     assert site / "index.html" in parsed
     wrong = []
-    for page, content in parsed.items():
-        for link in content.targets:
-            found = target(page, link)
-            if found is None:
-                assert urlsplit(link).scheme in ("https", "mailto", "data"), (page, link)
-            elif not found[0].is_file() or (
-                found[0] in parsed and found[1] not in parsed[found[0]].places
-            ):
-                wrong.append(f"{page.relative_to(site)}: {link}")
+    for page, link in [(page, link) for page, each in parsed.items() for link in each.targets]:
+        parts = urlsplit(link)
+        path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+        if parts.scheme:
+            assert parts.scheme in ("https", "mailto", "data"), (page, link)
+        elif not path.is_file() or (
+            path in parsed and unquote(parts.fragment) not in parsed[path].places
+        ):
+            wrong.append(f"{page.relative_to(site)}: {link}")
     assert wrong == []
 
 
@@ -93,26 +83,9 @@ def test_methods_lead_to_the_code(site):
     )
 
 
-def test_no_page_names_a_folder_of_this_machine(site, parsed):
-    found = {page.relative_to(site): MACHINE.search(page.read_text()) for page in parsed}
-    assert {str(page): at[0] for page, at in found.items() if at} == {}
-
-
-@dataclass
-class Visit:
-    """What a browser found on a page."""
-
-    requests: set[str] = field(default_factory=set)
-    problems: list[str] = field(default_factory=list)  # requests and scripts that failed
-    too_wide: dict[int, list[str]] = field(default_factory=dict)
-    unnamed: list[str] = field(default_factory=list)  # pictures without words
-    formulas: int = 0
-    unset: bool = False  # mathematics that nobody set
-
-    @property
-    def bytes(self) -> int:
-        files = {unquote(urlsplit(url).path) for url in self.requests if url.startswith("file:")}
-        return sum(Path(name).stat().st_size for name in files if Path(name).is_file())
+def test_no_page_names_a_folder_of_this_machine(parsed):
+    for page in parsed:
+        assert MACHINE.search(page.read_text()) is None, page
 
 
 @pytest.fixture(scope="module")
@@ -133,67 +106,55 @@ def browser():
 
 @pytest.fixture(scope="module")
 def visits(site, parsed, browser):
-    """Most pages, opened one after the other in one tab: a tab of its own takes as long again.
+    """What a browser found on most pages, opened one after the other in one tab (it is faster).
 
     Of the API, which one template makes, the longest three and those with formulas are opened.
     """
-    page, made = browser.new_page(), {}
+    page, requests, problems = browser.new_page(), [], []
     api = sorted((site / "api").glob("*.html"), key=lambda path: path.stat().st_size)
     left_out = {path for path in api[:-3] if 'class="math' not in path.read_text()}
-    page.on("request", lambda request: visit.requests.add(request.url))
-    page.on("requestfailed", lambda request: visit.problems.append(request.url))
-    page.on("pageerror", lambda error: visit.problems.append(str(error)))
-    page.on("console", lambda said: said.type == "error" and visit.problems.append(said.text))
+    page.on("request", lambda request: requests.append(request.url))
+    page.on("requestfailed", lambda request: problems.append(request.url))
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("console", lambda said: said.type == "error" and problems.append(said.text))
+    found = {}
     for path in (path for path in parsed if path not in left_out):
-        visit = made[str(path.relative_to(site))] = Visit()
-        look(page, visit, path)
+        requests.clear()
+        problems.clear()
+        visit = found[str(path.relative_to(site))] = look(page, path)
+        visit |= {"requests": set(requests), "problems": problems + visit["broken"]}
     page.close()
-    return made
+    return found
 
 
-def look(page, visit, path):
+def look(page, path):
     """Open a page and look at it at both widths."""
     page.set_viewport_size({"width": WIDE, "height": 900})
     page.goto(path.as_uri(), wait_until="load")
-    visit.problems += page.evaluate(BROKEN)
-    visit.unnamed, visit.formulas, drawn = page.evaluate(COUNTED)
+    broken, (unnamed, formulas, drawn) = page.evaluate(BROKEN), page.evaluate(COUNTED)
+    too_wide = []
     for width in (WIDE, NARROW):
         page.set_viewport_size({"width": width, "height": 900})
         if page.evaluate(OVERFLOW) > 1:
-            visit.too_wide[width] = page.evaluate(TOO_WIDE)
-    visit.unset = drawn != visit.formulas or page.evaluate(DOLLARS)
+            too_wide += [width, *page.evaluate(TOO_WIDE)]
+    unset = drawn != formulas or page.evaluate(DOLLARS)  # mathematics as it was typed
+    names = ("broken", "unnamed", "formulas", "unset", "too_wide")
+    return dict(zip(names, (broken, unnamed, formulas, unset, too_wide), strict=True))
 
 
-def told(visits, what):
-    """What stands in an attribute of the visits, by page, where anything does."""
-    return {name: getattr(visit, what) for name, visit in visits.items() if getattr(visit, what)}
+@pytest.mark.parametrize("what", ["problems", "unset", "too_wide", "unnamed"])
+def test_pages_are_whole_and_set_and_fit_the_screen_and_pictures_have_words(visits, what):
+    assert {name: visit[what] for name, visit in visits.items() if visit[what]} == {}
+    assert any(visit["formulas"] for visit in visits.values())
 
 
-def test_nothing_fails_and_nothing_leaves_the_disk(visits):
-    assert told(visits, "problems") == {}
-    asked = {url for visit in visits.values() for url in visit.requests}
-    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
-
-
-def test_mathematics_is_set(visits):
-    assert told(visits, "formulas")  # there was some to look at
-    assert told(visits, "unset") == {}
-
-
-def test_no_page_is_wider_than_the_screen(visits):
-    assert told(visits, "too_wide") == {}
-
-
-def test_every_picture_has_words(visits):
-    assert told(visits, "unnamed") == {}
-
-
-def test_pages_are_light(visits):
-    limits = {name: FRONT if name == "index.html" else LIGHT for name in visits}
-    heavy = {
-        name: f"{visit.bytes:,}" for name, visit in visits.items() if visit.bytes > limits[name]
-    }
-    assert heavy == {}
+def test_pages_are_light_and_nothing_leaves_the_disk(visits):
+    for name, visit in visits.items():
+        asked = {urlsplit(url) for url in visit["requests"]}
+        assert {url.scheme for url in asked} <= {"file", "data", "blob"}, name
+        files = {Path(unquote(url.path)) for url in asked if url.scheme == "file"}
+        size = sum(path.stat().st_size for path in files if path.is_file())
+        assert size <= (FRONT if name == "index.html" else LIGHT), name
 
 
 @pytest.mark.parametrize("number", ["5.19", "Table 5.17"])
