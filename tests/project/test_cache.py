@@ -2,30 +2,26 @@
 
 import shutil
 from itertools import pairwise
-from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.project import cache
-from kilnflight.project.cache import cached, write_whole
+from kilnflight.project.cache import cached, make_whole
 from kilnflight.twin.scene import Twin
 
 
-def full_disk(self, content):
-    self.open("wb").close()
-    raise OSError(28, "No space left on device")
+def test_a_write_that_is_interrupted_leaves_the_old_file(tmp_path):
+    def full_disk(part):
+        part.touch()
+        raise OSError(28, "No space left on device")
 
-
-def test_a_write_that_is_interrupted_leaves_the_old_file(monkeypatch, tmp_path):
     path = tmp_path / "a.csv"
-    path.write_bytes(b"old")
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
-    with pytest.raises(InputError, match=r"a\.csv: .*No space"):
-        write_whole(path, b"new")
-    assert [each.name for each in tmp_path.iterdir()] == ["a.csv"]
-    assert path.read_text() == "old"
+    path.write_text("old")
+    with pytest.raises(InputError, match=path.name):
+        make_whole(path, full_disk)
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a.csv", "old")]
 
 
 class Numbers:
