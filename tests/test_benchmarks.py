@@ -21,7 +21,7 @@ def test_a_benchmark_can_be_imported_and_a_quick_one_finds_its_peer_equal(name, 
     monkeypatch.setattr(measure, "compare", lambda *given, repeats=1: compare(*given, repeats=1))
     module = importlib.reload(importlib.import_module(name))
     if name == "bench_clustering":
-        monkeypatch.setattr(module, "cloud", lambda: module.surface(4000))
+        monkeypatch.setattr(module, "cloud", lambda: module.surface(1000))
     rows = module.rows() if name in QUICK else []
     assert all(row.ours_s > 0 and row.peer_s > 0 for row in rows)
     assert bool(rows) == (name in QUICK)
