@@ -166,7 +166,10 @@ def _outline(picture: Picture) -> tuple[Array, float]:
 
 
 def _crossing(height: Array, steps: Array) -> Array:
-    """Return where each profile (n, s) changes its sign; NaN unless it does so once."""
+    """Return where each profile (n, s) crosses zero, in px along it (n,).
+
+    ``steps`` (s,) are the places of its samples, evenly spaced. NaN unless it crosses once.
+    """
     sign = height > 0
     changes = sign[:, 1:] != sign[:, :-1]
     first = changes.argmax(axis=1)

@@ -181,7 +181,10 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
 
 
 def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
-    """Return the distances along the belt of pairs side by side, and each pair's first row."""
+    """Return the way along the belt of pairs in consecutive frames, and each pair's first row.
+
+    Both (n,), the way in px. Pairs are side by side: most of them are one particle seen twice.
+    """
     places = measured[["frame", "x", "y"]].reset_index(drop=True)
     after = places.assign(frame=places["frame"] - 1)
     pairs = places.reset_index().merge(after, on="frame", suffixes=("", "_after"))

@@ -92,7 +92,10 @@ def _rounded(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _criterion(counts: Integers) -> Array:
-    """Return eta(k) of Eq. 2.19 for each level k but the last (Eq. 2.20)."""
+    """Return the share eta(k) of the variance between the classes (Eqs 2.19, 2.20).
+
+    ``counts`` (L,) is the histogram of grey levels; there is one value for each level but the last.
+    """
     level = np.arange(len(counts), dtype=np.float64)
     p = counts / counts.sum()
     omega = np.cumsum(counts)[:-1] / counts.sum()
