@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import backgrounds as plain
 
@@ -60,7 +60,6 @@ def test_the_defaults_are_those_of_table_5_4():
     assert printed == MODELS
 
 
-@settings(max_examples=15)
 @given(st.integers(1, 6), st.integers(13, 20), st.data())
 def test_frame_differences_are_the_equations(interval, length, data):
     stack = noise(length)
@@ -90,7 +89,6 @@ def test_at_the_ends_the_other_side_and_then_the_farther_end_is_taken(model, len
     assert set(stack.read) == {t, *beside}
 
 
-@settings(max_examples=15)
 @given(st.integers(1, 60), st.integers(2, 70), st.integers(0, 2**32), st.sampled_from([3, 65536]))
 def test_mean_and_median_are_the_definition(window, length, seed, top):
     stack = noise(length, top=top)

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import sklearn.cluster
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.definitions import clusters as plain
 
@@ -21,7 +21,6 @@ from kilnflight.project import claims
 
 SMALL = (DBSCAN(3.0, 5), MorphologicalClustering(22), QuasiClusterCenters(5, 0.1))
 each = pytest.mark.parametrize("clusterer", SMALL, ids=lambda one: type(one).__name__)
-few = settings(max_examples=15)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -47,13 +46,11 @@ def same_as_scikit_learn(points, eps, min_points):
         assert np.count_nonzero(distances <= eps) == len(peer.core_sample_indices_)
 
 
-@few
 @given(seeds, st.integers(1, 60), st.integers(1, 7), st.sampled_from([1, 2, 5]), st.integers(1, 12))
 def test_dbscan_on_lattices_with_ties_at_eps(seed, count, width, eps, min_points):
     same_as_scikit_learn(lattice(seed, count, width), eps, min_points)
 
 
-@few
 @given(seeds, st.sampled_from([0.5, 2.7, 8.0, 40.0]), st.integers(1, 30))
 def test_dbscan_on_clouds_of_uneven_density(seed, eps, min_points):
     same_as_scikit_learn(uneven(seed, 400), eps, min_points)
@@ -80,7 +77,6 @@ def test_the_point_itself_counts_and_eps_belongs_to_the_neighbourhood():
     assert DBSCAN(np.nextafter(3.0, 0), 2)(pair).tolist() == [-1, -1]
 
 
-@few
 @given(seeds, st.integers(1, 40))
 def test_morphology_is_the_dilation_of_a_full_grid(seed, grid):
     for points in (uneven(seed) * [1, 1, 10], lattice(seed, 1 + seed % 60, 17) / 2):
@@ -95,7 +91,6 @@ def test_one_dilation_closes_two_empty_cells(gap, found):
     assert len(set(MorphologicalClustering(40)(points))) == found
 
 
-@few
 @given(seeds, st.integers(1, 12), st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0]))
 @example(0, 5, 0.1)
 def test_quasi_centers_are_the_definition_in_sets(seed, k, alpha):
@@ -104,7 +99,6 @@ def test_quasi_centers_are_the_definition_in_sets(seed, k, alpha):
         np.testing.assert_array_equal(QuasiClusterCenters(k, alpha)(points), expected)
 
 
-@few
 @given(seeds, st.integers(1, 10), st.sampled_from([(1, 1, 1), (1, 1, 1000), (0, 1, 0), (0, 0, 0)]))
 def test_neighbours_are_the_nearest_first_ties_in_the_order_of_the_cloud(seed, k, shape):
     for points in (uneven(seed) * shape, lattice(seed, 90, 6) * shape):
@@ -149,7 +143,6 @@ def test_blobs_are_found_and_numbered_by_their_first_point(clusterer):
 
 
 @each
-@few
 @given(seed=seeds)
 def test_a_permutation_of_the_points_permutes_the_labels(clusterer, seed):
     points = uneven(seed)
@@ -161,7 +154,6 @@ def test_a_permutation_of_the_points_permutes_the_labels(clusterer, seed):
 
 
 @each
-@few
 @given(shift=st.tuples(*3 * [st.integers(-10_000, 10_000)]), seed=seeds)
 def test_a_shift_of_the_cloud_changes_nothing(clusterer, shift, seed):
     points = np.round(uneven(seed) * 8) / 8  # eighths of a millimetre: differences are exact

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
@@ -123,7 +123,6 @@ def test_each_case_is_recognised():
     assert potential([], clusters_at()) == []
 
 
-@settings(max_examples=15)
 @given(
     st.lists(st.tuples(st.floats(-3, 62), st.floats(-3, 82), st.floats(0.25, 8)), max_size=8),
     st.lists(st.tuples(st.integers(0, 14), st.integers(0, 18)), max_size=6, unique=True),

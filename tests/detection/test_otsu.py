@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tests.definitions import otsu
@@ -13,7 +13,6 @@ from kilnflight.detection.otsu import flame_mask, otsu_threshold
 GRAYS = hnp.arrays(np.uint16, hnp.array_shapes(max_dims=2, max_side=12))
 
 
-@settings(max_examples=15)
 @given(GRAYS, st.integers(-70_000, 70_000))
 def test_threshold_is_the_definition_and_moves_with_an_offset(values, offset):
     found, best = otsu_threshold(values), otsu.thresholds(values)

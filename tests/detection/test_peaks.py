@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tests.definitions.peaks import peaks
@@ -28,7 +28,6 @@ def test_hills_are_counted_highest_first_and_areas_clipped():
     assert len(find_peaks(slope, WHOLE, 1.0)) == len(find_peaks(0 * slope, WHOLE, 1.0)) == 0
 
 
-@settings(max_examples=15)
 @given(arrays(np.float32, (6, 7), elements=st.integers(0, 6)), st.integers(1, 4))
 def test_prominence_is_what_flooding_by_levels_gives(image, prominence):
     found = find_peaks(image, np.array([0, 6, 0, 7]), float(prominence))

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from tests.definitions.sift import keypoints
 
@@ -70,7 +70,6 @@ def test_it_is_the_plain_definition_on_a_frame_of_the_twin(kept_scene):
     assert_defined(np.abs(frames[1] - np.median(frames, axis=0)), 200.0)
 
 
-@settings(max_examples=15)
 @given(SEED, st.lists(st.floats(60.0, 3000.0), min_size=1), st.sampled_from([0.25, 2.0, 8.0]))
 def test_one_call_answers_for_every_higher_threshold_and_thresholds_scale(seed, thresholds, factor):
     """Bit for bit, and in the same order."""
@@ -82,7 +81,6 @@ def test_one_call_answers_for_every_higher_threshold_and_thresholds_scale(seed, 
         np.testing.assert_array_equal(kept, DoG(threshold * factor)(image * factor))
 
 
-@settings(max_examples=15)
 @given(SEED, st.lists(CORNER, min_size=3, max_size=7, unique=True))
 def test_all_particles_in_a_polygon_are_found_and_no_others_invented(seed, polygon):
     assume(np.linalg.matrix_rank(np.subtract(polygon, polygon[0])) == 2)

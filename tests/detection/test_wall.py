@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 from tests.definitions.wall import likelihood
@@ -60,7 +60,6 @@ def test_errors_of_depth_and_outliers_leave_the_wall_where_it_is(arc, off_mm):
         assert 0.65 < found.inliers / len(points) < 0.85
 
 
-@settings(max_examples=15)
 @given(
     st.tuples(st.floats(-200, 200), st.floats(-500, 500), st.just(9000.0)),
     st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.just(1.0)),
@@ -93,7 +92,6 @@ def test_the_distance_is_the_length_of_the_normal_part():
         distance_to_axis(points, Cylinder((0, 0, 0), (0, 0, 0), 1.0))
 
 
-@settings(max_examples=15)
 @given(st.floats(400, 600), st.floats(20, 90), st.floats(650, 800), st.floats(20, 90))
 def test_at_the_crossing_both_gaussians_are_as_high(air, narrow, on_wall, wide):
     found = crossing(air + narrow * np.arange(-1, 2), on_wall + wide * np.arange(-1, 2))

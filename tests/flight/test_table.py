@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
@@ -133,7 +133,6 @@ def test_only_trajectories_that_start_at_the_lance_count(polynomials):
     assert flight_of(track, near)["from_lance"]
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(-1000, 1000), st.floats(3000.0, 9000.0))
 def test_dwell_does_not_depend_on_the_clock_or_the_order_of_rows(polynomials, frames, fall):
     shift = frames / RATE

@@ -2,18 +2,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.flight import reaching, slices, space_sliced_velocity
 from kilnflight.tables import SLICES
 
-few = settings(max_examples=15, deadline=None)
 SPEEDS = st.floats(3_000.0, 20_000.0)  # mm/s
 
 
-@few
 @given(SPEEDS, st.floats(-5.0, 5.0), st.floats(0.3, 2.0))
 def test_the_velocity_of_a_straight_flight_is_its_speed(polynomials, speed, start, slice_m):
     fit = polynomials(((0.0, 0.0), (100.0, 4900.0), (-speed, 0.0)), start, start, start + 0.4)
@@ -26,7 +24,6 @@ def test_the_velocity_of_a_straight_flight_is_its_speed(polynomials, speed, star
     assert table.loc[~table["reached"], "velocity_m_s"].isna().all()
 
 
-@few
 @given(SPEEDS, st.floats(-30_000.0, 30_000.0), st.floats(-60_000.0, 60_000.0))
 def test_the_times_are_those_of_dense_sampling(polynomials, speed, bend, third):
     fit = polynomials(((), (), (-speed, bend, third)))

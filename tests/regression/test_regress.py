@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import plain_regression
 
@@ -24,7 +24,6 @@ from kilnflight.tables import TRAJECTORIES
 
 EXIT, RATE, SCATTER = (120.0, 60.0, 6500.0), 330.0, (7.0, 7.0, 150.0)
 FACTORS = ((400.0, -300.0), (900.0, -4900.0), (-11_000.0, 6000.0))  # mm/s, mm/s^2
-few = settings(max_examples=15, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -54,7 +53,6 @@ def test_a_flight_without_scatter_is_recovered():
 
 
 @given(st.lists(st.integers(2, 6), min_size=3, max_size=3), st.floats(0.0, 1.0))
-@few
 def test_the_orders_of_a_flight_without_scatter_are_found(orders, t0):
     slow = (500.0, 900.0, -9000.0)
     factors = [[v, *[v * (-2.0) ** (k - 1) / k for k in range(2, n + 1)]] for v, n in
@@ -109,7 +107,6 @@ def test_orders_rise_while_the_gain_is_one_per_cent():
 
 
 @given(seeds, st.integers(-1000, 10_000))
-@few
 def test_invariants_of_a_fit(seed, frames):
     track = flight(seed=seed, points=30, scatter=SCATTER)
     fit = regress(track, EXIT, RATE, Regression(highest=3))

@@ -4,13 +4,12 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import pair, particle_centroids
 
-few = settings(max_examples=15, deadline=None)
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
 places = st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), max_size=12)
 
@@ -41,7 +40,6 @@ def test_the_gate_itself_belongs_to_the_gate():
     assert counts(score_detections([(0, 0)], [(27, 36)], gate=44.9)) == (0, 1, 1)
 
 
-@few
 @given(places, places, st.integers(0, 99), st.integers(1, 60))
 def test_invariants_of_counts(truth, detected, seed, gate):
     generator = np.random.default_rng(seed)
@@ -58,7 +56,6 @@ def test_invariants_of_counts(truth, detected, seed, gate):
     assert counts(score_detections(truth, detected, roi=SQUARE)) == counts(score_detections(*kept))
 
 
-@few
 @given(*2 * [st.lists(st.tuples(st.integers(0, 120), st.integers(0, 60)), max_size=5)],
        st.integers(1, 80))  # fmt: skip
 def test_no_other_assignment_is_better(first, second, gate):
@@ -93,7 +90,6 @@ def test_a_detection_in_the_pixels_of_a_particle_counts_once():
     assert counts(in_pixels(labelled(), [4], [])) == (0, 0, 1)
 
 
-@few
 @given(st.lists(st.tuples(st.floats(-3, 14), st.floats(-3, 14)), max_size=12), st.integers(0, 99))
 def test_pixels_are_scored_as_by_hand(detected, seed):
     image = np.random.default_rng(seed).integers(0, 6, (12, 12))
@@ -106,7 +102,6 @@ def test_pixels_are_scored_as_by_hand(detected, seed):
     assert all(hits[d] == (3, 1, 5)[t] for t, d in score.pairs)
 
 
-@few
 @given(*3 * [st.integers(0, 10_000)])
 def test_rates_are_their_definitions(tp, fp, fn):
     precision = tp / (tp + fp) if tp + fp else 0.0

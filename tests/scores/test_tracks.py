@@ -3,13 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import track_measures
 
 from kilnflight.scores import score_tracks
-
-few = settings(max_examples=25, deadline=None)
 
 
 def line(frames, particle=0, row=0.0, step=1.0):
@@ -94,7 +92,6 @@ rows = st.lists(
 )
 
 
-@few
 @given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
 def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions):
     names = ["frame", "particle", *["x", "y", "z"][:dimensions]]
@@ -113,7 +110,6 @@ def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions):
         assert apart == pytest.approx(track_measures.distance(true[t], candidates[c], gate))
 
 
-@few
 @given(rows, rows, st.sampled_from([1.0, 4.0, 9.0]), st.integers(0, 2**32 - 1))
 def test_order_numbers_and_unit_do_not_matter(truth, candidate, gate, seed):
     names = ["frame", "particle", "row", "col"]

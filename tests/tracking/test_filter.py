@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import kalman
 
@@ -50,7 +50,6 @@ def test_the_matrices_of_the_page():
 
 
 @motions
-@settings(max_examples=15)
 @given(first=spans, second=spans)
 def test_two_steps_are_one(motion, first, second):
     later = motion.transition(second)
@@ -62,7 +61,6 @@ def test_two_steps_are_one(motion, first, second):
 
 
 @motions
-@settings(max_examples=15)
 @given(seed=seeds, count=st.integers(0, 4), detections=st.integers(0, 5), span=st.integers(1, 20))
 def test_the_equations_as_printed(motion, seed, count, detections, span):
     generator = np.random.default_rng(seed)
@@ -84,7 +82,6 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
         np.testing.assert_allclose(left[i], expected[1], rtol=1e-7, atol=1e-6)
 
 
-@settings(max_examples=15)
 @given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), distance=tenths)
 def test_eq_4_8_pair_by_pair(seed, n, m, distance):
     rng = np.random.default_rng(seed)

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from tests.definitions import plain_tracklets as plain
@@ -48,7 +48,6 @@ def number(tracks, step=postprocess):
 
 
 @pytest.mark.parametrize("digits", [0, 12])  # whole pixels have ties
-@settings(max_examples=15)
 @given(seeds, st.integers(1, 6))
 def test_the_plain_definitions(digits, seed, count):
     tracks = make_flights(seed, count).round({"row": digits, "col": digits})
@@ -61,7 +60,6 @@ def test_the_plain_definitions(digits, seed, count):
     same_tracks(postprocess(tracks), plain.postprocess(tracks))
 
 
-@settings(max_examples=15)
 @given(seeds)
 def test_the_plain_definitions_of_outliers_and_of_tracks_side_by_side(seed):
     rng, parts = np.random.default_rng(seed), []
@@ -258,7 +256,6 @@ def test_munkres_gives_up_the_nearest_pair_and_dnn_does_not():
     assert number(tracks, Connection(matching=hungarian)) == 1
 
 
-@settings(max_examples=15)
 @given(seeds, st.integers(1, 9), st.sampled_from([3, 10**6]))
 def test_matchings_of_any_matrix(seed, size, levels):
     rng = np.random.default_rng(seed)
