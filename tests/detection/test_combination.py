@@ -5,8 +5,13 @@ from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D
-from kilnflight.detection import combination as combine
-from kilnflight.detection.combination import Combination, View, sort_clusters
+from kilnflight.detection.combination import (
+    Combination,
+    View,
+    mean_gray,
+    potential_particles,
+    sort_clusters,
+)
 from kilnflight.tables import DETECTIONS
 
 ROWS, COLS = np.indices((120, 160))
@@ -108,30 +113,18 @@ def clusters_at(*places):
     return sort_clusters(pixels, xyz, np.repeat(np.arange(len(places)), 9))
 
 
-def potential(keypoints, clusters):
-    parts = combine.potential_particles(np.reshape(keypoints, (-1, 3)), clusters, (60, 80))
-    return sorted((case, spots.tolist(), groups.tolist()) for case, spots, groups in parts)
-
-
-def test_each_case_is_recognised():
-    clusters = clusters_at((10, 10), (30, 10), (50, 10), (52, 16), (10, 40))
-    keypoints = [(11, 11, 2.0), (30, 10, 1.5), (32, 12, 1.5), (52, 14, 4.0), (40, 60, 3.0)]
-    singles = [(1, [0], [0]), (2, [1, 2], [1]), (3, [3], [2, 3]), (4, [], [4]), (5, [4], [])]
-    assert potential(keypoints, clusters) == singles
-    both = potential([(11, 12, 4.0), (11, 18, 4.0)], clusters_at((10, 10), (10, 14)))
-    assert both == [(2, [0, 1], [0, 1])]
-    assert potential([], clusters_at()) == []
-
-
 @given(
     st.lists(st.tuples(st.floats(-3, 62), st.floats(-3, 82), st.floats(0.25, 8)), max_size=8),
     st.lists(st.tuples(st.integers(0, 14), st.integers(0, 18)), max_size=6, unique=True),
 )
 def test_two_belong_together_where_they_share_a_pixel(keypoints, corners):
     clusters = clusters_at(*(np.multiply(4, corner) for corner in corners))
-    together = potential(keypoints, clusters)
+    together = list(potential_particles(np.reshape(keypoints, (-1, 3)), clusters, (60, 80)))
     assert sorted(k for _, spots, _ in together for k in spots) == list(range(len(keypoints)))
     assert sorted(c for *_, groups in together for c in groups) == list(range(len(corners)))
+    cases = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
+    for case, spots, groups in together:
+        assert case == cases[min(len(spots), 2), min(len(groups), 2)]
     for k, (row, col, radius) in enumerate(keypoints):
         far = np.hypot(clusters.pixels[:, 0] - row, clusters.pixels[:, 1] - col)
         near = (far <= max(radius, 1.0) - 1e-9).reshape(-1, 9).any(axis=1)
@@ -147,7 +140,7 @@ def test_the_mean_grey_value_is_that_of_the_disc():
         if (disc := (row - r) ** 2 + (col - c) ** 2 <= radius**2).any():
             exact[k] = image[disc].mean()
     for kind in (np.uint16, ">f4", np.float16):
-        assert combine.mean_gray(image.astype(kind), discs) == pytest.approx(exact)
+        assert mean_gray(image.astype(kind), discs) == pytest.approx(exact)
 
 
 def test_parameters_out_of_range_are_refused():
