@@ -1,6 +1,10 @@
 """The six background models against their equations, and what they have in common."""
 
+from dataclasses import astuple
+from itertools import product
+
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +19,7 @@ from kilnflight.background import (
     ThreeFrame,
     TwoFrame,
 )
-from kilnflight.background.frames import HeldFrames
+from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
 from kilnflight.project import claims
 
@@ -43,21 +47,12 @@ class Lazy:
 
 def test_the_defaults_are_those_of_table_5_4():
     table = claims.published("table_5.4")
-    value = table.set_index(["method", "adjustable_parameter"])["optimal_value"]
-    learning, running = value["Adaptive background learning"], value["Running Gaussian average"]
-    printed = (
-        TwoFrame(int(value["2-frame difference", "Computing interval"])),
-        ThreeFrame(int(value["3-frame difference", "Computing interval"])),
-        Mean(int(value["Mean filter", "Number of frames"])),
-        Median(int(value["Median filter", "Number of frames"])),
-        Adaptive(int(learning["Number of frames"]), float(learning["Learning rate alpha"])),
-        RunningGaussian(
-            int(running["Number of frames"]),
-            float(running["Learning rate alpha"]),
-            float(running["Coefficient k"]),
-        ),
-    )
-    assert printed == MODELS
+    numbers = pd.to_numeric(table["optimal_value"], errors="coerce").dropna()
+    printed = numbers.groupby(table["method"]).agg(list)
+    names = ["2-frame difference", "3-frame difference", "Mean filter", "Median filter"]
+    names += ["Adaptive background learning", "Running Gaussian average"]
+    for model, name in zip(MODELS, names, strict=True):
+        assert [value for value in astuple(model) if value is not False] == printed[name]
 
 
 @given(st.integers(1, 6), st.integers(13, 20), st.data())
@@ -100,23 +95,43 @@ def test_mean_and_median_are_the_definition(window, length, seed, top):
         np.testing.assert_array_equal(foreground, expected)  # exact, halves included
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.float64])
+@pytest.mark.parametrize(
+    ("length", "shape", "window", "indices"),
+    [
+        (260, (4, 5), 150, range(260)),
+        (700, (2, 3), 150, range(0, 700, 90)),
+        (200, (2, 3), 150, range(60, 130, 2)),
+        (40, (97, 101), 20, [17]),  # more pixels than a tile
+    ],
+)
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_medians_of_runs_and_single_frames_at_any_distance(length, shape, window, indices, dtype):
+    stack = noise(length, shape, dtype)
+    for t, background in zip(indices, Median(window).backgrounds(stack, indices), strict=True):
+        np.testing.assert_array_equal(background, plain.median(stack, t, window))
+
+
+@pytest.mark.parametrize("count", [1, 2, 21])
+def test_the_median_of_a_stack_is_numpys(count):
+    frames = noise(count, (13, 17))
+    np.testing.assert_array_equal(stack_median(list(frames)), np.median(frames, axis=0))
+
+
 @pytest.mark.parametrize(("window", "rate"), [(50, 0.05), (10, 0.5), (4, 0.0)])
-def test_adaptive_is_its_equations(window, rate, dtype):
-    stack, indices = noise(90, dtype=dtype), [0, 10, 45, 60]
+def test_adaptive_is_its_equations(window, rate):
+    stack, indices = noise(90), [0, 10, 45, 60]
     images = Adaptive(window, rate).backgrounds(stack, indices)
     for t, image in zip(indices, images, strict=True):
         np.testing.assert_allclose(image, plain.adaptive(stack, t, window, rate), rtol=1e-6)
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 @pytest.mark.parametrize("model", [RunningGaussian(), RunningGaussian(5, 0.5, 1.5)], ids=repr)
-def test_running_gaussian_is_its_equations(model, dtype):
-    stack = noise(30, dtype=dtype)
-    means = list(model.backgrounds(stack, range(30)))
-    for t, foreground in zip(range(30), model(stack, range(30)), strict=True):
+def test_running_gaussian_is_its_equations(model):
+    stack = noise(30)
+    means, foregrounds = model.backgrounds(stack, range(30)), model(stack, range(30))
+    for t, found, foreground in zip(range(30), means, foregrounds, strict=True):
         mean, expected = plain.running_gaussian(stack, t, model.window, model.memory, model.k)
-        np.testing.assert_allclose(means[t], mean, rtol=1e-6)
+        np.testing.assert_allclose(found, mean, rtol=1e-6)
         np.testing.assert_allclose(foreground, expected, rtol=1e-5, atol=1e-3)
     assert not next(RunningGaussian(1)(stack, [3])).any()
 
@@ -136,33 +151,6 @@ def test_frames_are_read_once_and_only_where_needed(model):
     assert len(stack.read) == len(set(stack.read))
     assert min(stack.read) >= 180 - 75
     assert max(stack.read) <= 259 + 75
-    empty = Lazy(noise(5))
-    assert list(model(empty, [])) == empty.read == []
-
-
-def test_no_more_frames_are_held_than_there_is_room_for():
-    stack = Lazy(np.arange(100, dtype=np.uint16).repeat(6).reshape(100, 2, 3))
-    held = HeldFrames(stack, 3)
-    for indices in ([10], [11], [50], [12], [11, 10], [97, 98, 99]):
-        held.fetch(indices)
-        assert [held[index][0, 0] for index in indices] == indices
-        assert len(held._images) <= 3
-    assert stack.read == [10, 11, 50, 12, 97, 98, 99]  # the farthest, 50, was evicted for 12
-
-
-@every_model
-def test_a_particle_appears_where_it_is_bright_or_dark(model):
-    stack = np.full((200, 30, 40), 1000, np.uint16)
-    stack[100, 20, 11] += 5000
-    (foreground,) = model(stack, [100])
-    assert np.argwhere(foreground).tolist() == [[20, 11]]
-    assert foreground[20, 11] == pytest.approx(5000, rel=0.06)
-    np.testing.assert_allclose(next(model(65535 - stack, [100])), foreground, rtol=1e-6)
-
-
-def test_frames_of_different_shapes_are_refused():
-    with pytest.raises(InputError, match="frame 1"):
-        list(Mean(4)([np.zeros((3, 4)), np.zeros((3, 5))], [0]))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, ">u2", np.float32])
@@ -176,16 +164,22 @@ def test_the_foreground_is_the_difference_or_its_positive_part(kind, dtype):
     np.testing.assert_allclose(positive, np.maximum(exact, 0), atol=1e-4)
 
 
+def test_frames_of_another_shape_are_refused():
+    with pytest.raises(InputError, match="frame 1"):
+        list(Mean(4)([np.zeros((3, 4)), np.zeros((3, 5))], [0]))
+
+
 @pytest.mark.parametrize(
-    ("kind", "name", "bad"),
+    ("kinds", "name", "values"),
     [
-        *((kind, "interval", bad) for kind in (TwoFrame, ThreeFrame) for bad in (0, 2.5, None)),
-        *((kind, "window", bad) for kind in (*WINDOWED, RunningGaussian) for bad in (0, 2.5, None)),
-        (Adaptive, "learning_rate", 1.1),
-        (RunningGaussian, "memory", -0.1),
-        (RunningGaussian, "k", -1),
+        ((TwoFrame, ThreeFrame), "interval", (0, 2.5, None)),
+        ((*WINDOWED, RunningGaussian), "window", (0, 2.5, None)),
+        ((Adaptive,), "learning_rate", (1.1,)),
+        ((RunningGaussian,), "memory", (-0.1,)),
+        ((RunningGaussian,), "k", (-1,)),
     ],
 )
-def test_parameters_out_of_range_are_refused(kind, name, bad):
-    with pytest.raises(InputError, match=name):
-        kind(**{name: bad})
+def test_parameters_out_of_range_are_refused(kinds, name, values):
+    for kind, bad in product(kinds, values):
+        with pytest.raises(InputError, match=name):
+            kind(**{name: bad})
