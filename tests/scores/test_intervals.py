@@ -39,8 +39,7 @@ def test_small_samples_have_no_interval():
 
 
 def test_a_share_is_wilsons():
-    assert share(0, 40)[:2] == (0.0, 0.0)
-    assert share(0, 40).high == pytest.approx(0.0876, abs=1e-4)
+    assert share(0, 40) == (0.0, 0.0, pytest.approx(0.0876, abs=1e-4), (40,))
     assert share(0, 0)[1:] == (0.0, 1.0, (0,))
     with pytest.raises(InputError, match="number"):
         share(3, 2)

@@ -61,26 +61,16 @@ def test_worlds_with_known_numbers(truth, candidate, gate, of_points, of_tracks,
     assert score.jsc_theta == of_tracks[0] / sum(of_tracks)
 
 
-def test_the_sum_of_distances_decides():
-    """The nearest candidate of one particle is the only one that another can have."""
-    truth = pd.concat([line(range(4), 0, row=0.0), line(range(4), 1, row=6.0)])
-    detected = pd.concat([line(range(4), 0, row=2.0), line(range(4), 1, row=-4.0)])
-    score = score_tracks(truth, detected, gate=10.0)
-    assert score.pairs.to_numpy() == pytest.approx(np.array([[0, 1, 16.0], [1, 0, 16.0]]))
-
-
 def test_a_long_gap_takes_no_memory():
     score = score_tracks(line([0, 10**12]), line([0, 10**6, 10**12]), gate=5.0)
     assert points(score) == (3, 10**12 - 2, 0)
 
 
-def test_coordinates_have_any_number_and_y_x_in_px_stand_for_row_col():
-    space = TRUTH.assign(x=0.0, y=0.0, z=5.0)
-    moved = space.assign(y=4.0)
-    assert score_tracks(space, moved, 8.0, columns=("x", "y", "z")).alpha == 0.5
-    assert score_tracks(space, moved, 8.0).alpha == 1.0  # row and col win
-    other = TRUTH.rename(columns={"row": "y", "col": "x"}).assign(z=3.0)
-    assert score_tracks(TRUTH, other[["x", "particle", "y", "frame", "z"]], 5.0).alpha == 1.0
+def test_y_x_in_px_stand_for_row_col_which_come_first():
+    space = TRUTH.assign(x=0.0, y=0.0)
+    assert score_tracks(space, space.assign(y=4.0), 8.0).alpha == 1.0
+    other = TRUTH.rename(columns={"row": "y", "col": "x"})
+    assert score_tracks(TRUTH, other[["x", "particle", "y", "frame"]], 5.0).alpha == 1.0
 
 
 coordinate = st.integers(-5, 5)
@@ -94,9 +84,9 @@ rows = st.lists(
 
 @given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
 def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions):
-    names = ["frame", "particle", *["x", "y", "z"][:dimensions]]
-    tables = [pd.DataFrame([row[: len(names)] for row in first], columns=names)
-              for first in (truth, candidate)]  # fmt: skip
+    every = ["frame", "particle", "x", "y", "z"]
+    names = every[: 2 + dimensions]
+    tables = [pd.DataFrame(first, columns=every)[names] for first in (truth, candidate)]
     score = score_tracks(*tables, gate, columns=names[2:])
     true, candidates = map(track_measures.filled, tables)
     empty = gate * sum(map(len, true.values()))
@@ -116,10 +106,8 @@ def test_order_numbers_and_unit_do_not_matter(truth, candidate, gate, seed):
     first, second = (pd.DataFrame(x, columns=[*names, "z"])[names] for x in (truth, candidate))
     score, numbers = score_tracks(first, second, gate), np.random.default_rng(seed).permutation(50)
     assert 0 <= score.beta <= score.alpha <= 1
-    again = score_tracks(
-        first.assign(row=64.0 * first["row"], col=64.0 * first["col"]).sample(frac=1),
-        second.assign(particle=numbers[second["particle"]], row=64.0 * second["row"],
-                      col=64.0 * second["col"]).sample(frac=1),
-        64.0 * gate,
-    )  # fmt: skip
+    named = second.assign(particle=numbers[second["particle"]])
+    unit = {"frame": 1, "particle": 1, "row": 64.0, "col": 64.0}
+    scaled = [(table * unit).sample(frac=1) for table in (first, named)]
+    again = score_tracks(*scaled, 64.0 * gate)
     assert (again.alpha, again.beta, points(again)) == (score.alpha, score.beta, points(score))
