@@ -7,7 +7,7 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.flight import BEHIND, LEAVES, TOO_FAST, Plausible, straight_on
+from kilnflight.flight import BEHIND, LEAVES, TOO_FAST, Plausible
 from kilnflight.flight.criteria import starts_at_lance
 
 WALL, LIMIT = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0), InAir(800.0)
@@ -68,10 +68,3 @@ def test_a_start_is_judged_across_and_in_depth(polynomials, across, gone, starts
     decided, distance = starts_at_lance(np.tile(place, (3, 1)), fit)
     assert decided == starts
     assert distance == pytest.approx(np.hypot(across, gone))
-
-
-def test_after_the_last_detection_a_flight_is_straight(polynomials):
-    fit = polynomials(((100.0, 900.0), (0.0,), (-8000.0, 500.0)), last_s=0.3)
-    np.testing.assert_array_equal(straight_on(fit, [0.1, 0.3]), fit([0.1, 0.3]))
-    expected = fit(0.3) + 0.2 * fit.velocity(np.array([0.3]))
-    np.testing.assert_allclose(straight_on(fit, 0.5), expected)
