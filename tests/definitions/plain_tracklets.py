@@ -112,12 +112,9 @@ def joined(one: dict, other: dict) -> dict:
 def connected_part(one: dict, other: dict) -> list:
     """Return the connected part of Fig. 4.10 as a list of (frame, place)."""
     common = sorted(one.keys() & other.keys())
-    if common:
-        before = [t for t in sorted(one) if t <= common[0]][-3:]
-        after = [t for t in sorted(other) if t >= common[-1]][:3]
-    else:
-        before = [t for t in sorted(one) if t < min(other)][-3:]
-        after = [t for t in sorted(other) if t > max(one)][:3]
+    low, high = (common[0], common[-1]) if common else (min(other) - 1, max(one) + 1)
+    before = [t for t in sorted(one) if t <= low][-3:]
+    after = [t for t in sorted(other) if t >= high][:3]
     part = {t: one[t] for t in before}
     for t in after:
         part[t] = mean(part[t], other[t]) if t in part else other[t]

@@ -57,6 +57,8 @@ def test_case_2_counts_peaks_in_the_clusters_rectangle():
     assert table["col"].to_numpy() == pytest.approx([45, 57], abs=1)
     assert table["points"].sum() == 19 * 19
     assert table["x"][0] < 51 < table["x"][1]
+    beside = view(hill(40, 45, 30_000) + hill(40, 57, 500), (40, 51, 9, 6000.0))  # a small one
+    assert len(found(beside, (40, 45, 3.0), (40, 57, 3.0))) == 1
 
 
 def test_case_3_counts_peaks_under_the_disc():
@@ -75,9 +77,9 @@ def test_cases_4_and_5_count_if_something_is_there_and_has_moved(top):
     table = found(view(here, before=there), spot)
     assert table[["case", "points"]].to_numpy().tolist() == [[5, 0]]
     assert table[["x", "y", "z"]].isna().all(axis=None)
-    for picture in (here, 0 * here):
-        assert len(found(view(picture, cluster, before=picture))) == 0
-        assert len(found(view(picture, before=picture), spot)) == 0
+    for picture, before in ((here, here), (1.02 * (5000 + here) - 5000, here), (0 * here, 0)):
+        assert len(found(view(picture, cluster, before=before))) == 0
+        assert len(found(view(picture, before=before), spot)) == 0
 
 
 def test_particles_outside_the_region_and_remainders_of_the_wall_are_left_out():
@@ -106,19 +108,15 @@ def test_any_detector_goes_with_any_clusterer_in_any_order_of_points(detector, c
     assert len(DETECTIONS.check(combined(nothing))) == 0
 
 
-def clusters_at(*places):
-    blocks = [np.argwhere(np.ones((3, 3))) + place for place in places]
-    pixels = np.concatenate([np.empty((0, 2), int), *blocks])
-    xyz = np.insert(pixels.astype(float), 2, 7000.0, axis=1)
-    return sort_clusters(pixels, xyz, np.repeat(np.arange(len(places)), 9))
-
-
 @given(
     st.lists(st.tuples(st.floats(-3, 62), st.floats(-3, 82), st.floats(0.25, 8)), max_size=8),
     st.lists(st.tuples(st.integers(0, 14), st.integers(0, 18)), max_size=6, unique=True),
 )
 def test_two_belong_together_where_they_share_a_pixel(keypoints, corners):
-    clusters = clusters_at(*(np.multiply(4, corner) for corner in corners))
+    blocks = [np.argwhere(np.ones((3, 3))) + 4 * np.array(corner) for corner in corners]
+    pixels = np.concatenate([np.empty((0, 2), int), *blocks])
+    xyz, labels = np.zeros((len(pixels), 3)), np.repeat(np.arange(len(blocks)), 9)
+    clusters = sort_clusters(pixels, xyz, labels)
     together = list(potential_particles(np.reshape(keypoints, (-1, 3)), clusters, (60, 80)))
     assert sorted(k for _, spots, _ in together for k in spots) == list(range(len(keypoints)))
     assert sorted(c for *_, groups in together for c in groups) == list(range(len(corners)))

@@ -20,10 +20,6 @@ def points(score):
     return score.tp, score.fn, score.fp
 
 
-def tracks(score):
-    return score.tp_tracks, score.fn_tracks, score.fp_tracks
-
-
 TRUTH = line(range(10))
 TWO = pd.concat([TRUTH, line(range(10), 1, row=3.0)], ignore_index=True)
 BESIDE = TRUTH.assign(row=np.where(TRUTH["frame"] == 4, 9.0, 0.0))
@@ -54,7 +50,8 @@ SWAPPED = TWO.assign(particle=(TWO["particle"] + (TWO["frame"] >= 6)) % 2)
 )
 def test_worlds_with_known_numbers(truth, candidate, gate, of_points, of_tracks, alpha, beta):
     score = score_tracks(truth, candidate, gate)
-    assert (points(score), tracks(score)) == (of_points, of_tracks)
+    of_both = (points(score), (score.tp_tracks, score.fn_tracks, score.fp_tracks))
+    assert of_both == (of_points, of_tracks)
     assert (score.alpha, score.beta) == pytest.approx((alpha, beta))
     tp, fn, fp = of_points
     assert score.jsc == tp / (tp + fn + fp)

