@@ -11,15 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import backgrounds as plain
 
-from kilnflight.background import (
-    MODELS,
-    Adaptive,
-    Mean,
-    Median,
-    RunningGaussian,
-    ThreeFrame,
-    TwoFrame,
-)
+from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussian
+from kilnflight.background.models import ThreeFrame, TwoFrame
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
 from kilnflight.project import claims

@@ -9,13 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.definitions import clusters as plain
 
-from kilnflight.detection import (
-    CLUSTERERS,
-    DBSCAN,
-    MorphologicalClustering,
-    QuasiClusterCenters,
-    k_distances,
-)
+from kilnflight.detection import CLUSTERERS, DBSCAN, MorphologicalClustering, QuasiClusterCenters
+from kilnflight.detection.dbscan import k_distances
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.project import claims
 

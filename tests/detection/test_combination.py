@@ -4,14 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D
-from kilnflight.detection.combination import (
-    Combination,
-    View,
-    mean_gray,
-    potential_particles,
-    sort_clusters,
-)
+from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D, combination
+from kilnflight.detection.combination import Combination, View
 from kilnflight.tables import DETECTIONS
 
 ROWS, COLS = np.indices((120, 160))
@@ -116,8 +110,9 @@ def test_two_belong_together_where_they_share_a_pixel(keypoints, corners):
     blocks = [np.argwhere(np.ones((3, 3))) + 4 * np.array(corner) for corner in corners]
     pixels = np.concatenate([np.empty((0, 2), int), *blocks])
     xyz, labels = np.zeros((len(pixels), 3)), np.repeat(np.arange(len(blocks)), 9)
-    clusters = sort_clusters(pixels, xyz, labels)
-    together = list(potential_particles(np.reshape(keypoints, (-1, 3)), clusters, (60, 80)))
+    clusters = combination.sort_clusters(pixels, xyz, labels)
+    places = np.reshape(keypoints, (-1, 3))
+    together = list(combination.potential_particles(places, clusters, (60, 80)))
     assert sorted(k for _, spots, _ in together for k in spots) == list(range(len(keypoints)))
     assert sorted(c for *_, groups in together for c in groups) == list(range(len(corners)))
     cases = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
@@ -138,7 +133,7 @@ def test_the_mean_grey_value_is_that_of_the_disc():
         if (disc := (row - r) ** 2 + (col - c) ** 2 <= radius**2).any():
             exact[k] = image[disc].mean()
     for kind in (np.uint16, ">f4", np.float16):
-        assert mean_gray(image.astype(kind), discs) == pytest.approx(exact)
+        assert combination.mean_gray(image.astype(kind), discs) == pytest.approx(exact)
 
 
 def test_parameters_out_of_range_are_refused():

@@ -7,19 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import plain_regression
 
+from kilnflight import regression
 from kilnflight.checks import InputError
-from kilnflight.regression import (
-    FITTED,
-    NO_DEPTH,
-    TOO_FEW,
-    Regression,
-    fit_measures,
-    fits,
-    range_of_start,
-    regress,
-    regress_all,
-    trajectory_solver,
-)
+from kilnflight.regression import Regression, fits, regress, regress_all
 from kilnflight.tables import TRAJECTORIES
 
 EXIT, RATE, SCATTER = (120.0, 60.0, 6500.0), 330.0, (7.0, 7.0, 150.0)
@@ -52,8 +42,8 @@ def test_the_definition_over_all_unknowns_finds_the_same_minimum(orders):
     track = flight(scatter=(2.0, 2.0, 30.0), seed=3)
     track.loc[20, "z"] += 700.0
     time, moved = np.linspace(0, 1, len(track)), (track[list("xyz")].to_numpy() - EXIT).T
-    limits, first = range_of_start(time, moved, 5.0)
-    start, rmse = trajectory_solver(time, moved, 6, limits, first)(orders)
+    limits, first = regression.range_of_start(time, moved, 5.0)
+    start, rmse = regression.trajectory_solver(time, moved, 6, limits, first)(orders)
     peer = plain_regression.solve(time, moved.T, np.zeros(3), orders, first, limits)
     cost = (rmse**2 * (len(time) - np.array(orders) - 1)).sum()
     assert cost == pytest.approx(2 * peer.cost, rel=1e-9)
@@ -65,7 +55,7 @@ def test_the_minimum_is_the_one_downhill_of_the_first_guess(first, valley):
     time, limits = np.linspace(0, 1, 12), np.array([-1.2, -0.01])
     up_and_back, straight = (time + 0.2) * (time + 0.8), 0.001 * (time + 0.8)  # -0.8 is deeper
     places = 100 * np.stack([straight, 0 * time, up_and_back])
-    start, rmse = trajectory_solver(time, places, 2, limits, first)((1, 1, 2))
+    start, rmse = regression.trajectory_solver(time, places, 2, limits, first)((1, 1, 2))
     assert start == pytest.approx(valley, abs=0.01)
     assert (rmse.max() > 1e-4) == (valley > -0.5)
 
@@ -87,17 +77,17 @@ def test_orders_rise_while_the_gain_is_one_per_cent():
 @given(st.integers(0, 2**32 - 1), st.integers(-1000, 10_000))
 def test_invariants_of_a_fit(seed, frames):
     track = flight(seed=seed, points=30, scatter=SCATTER)
-    fit = regress(track, EXIT, RATE, Regression(highest=3))
+    orders = Regression(highest=3)
+    fit = regress(track, EXIT, RATE, orders)
     np.testing.assert_allclose(fit(fit.t0), [EXIT], atol=1e-9)
     assert fit.first_s - 1.0 <= fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
     np.testing.assert_allclose(fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients])
     slope = (fit([0.3 + 1e-6]) - fit([0.3 - 1e-6])) / 2e-6
     np.testing.assert_allclose(fit.velocity([0.3]), slope, rtol=1e-4, atol=0.1)
     later = track.assign(frame=track["frame"] + frames)
-    shifted = regress(later, EXIT, RATE, Regression(highest=3))
+    shifted = regress(later, EXIT, RATE, orders)
     assert shifted.t0 == pytest.approx(fit.t0 + frames / RATE, abs=1e-6)
-    mirrored = regress(track.assign(x=-track["x"]), (-EXIT[0], *EXIT[1:]), RATE,
-                       Regression(highest=3))  # fmt: skip
+    mirrored = regress(track.assign(x=-track["x"]), (-EXIT[0], *EXIT[1:]), RATE, orders)
     assert mirrored.t0 == pytest.approx(fit.t0, abs=1e-9)
 
 
@@ -115,8 +105,8 @@ def test_the_measures_are_the_equations():
     places, fitted = np.array([1.0, 2.0, 4.0, 3.0]), np.array([1.5, 2.0, 3.0, 3.0])
     r2 = 1 - 1.25 / 5
     expected = [np.sqrt(1.25 / 1), 100 / 4 * (0.5 + 0.25), r2, r2 - (1 - r2) * 2 / 1]
-    np.testing.assert_allclose(fit_measures(places, fitted, 2), expected)
-    assert np.isnan(fit_measures(np.zeros(5), np.ones(5), 2)[1:]).all()
+    np.testing.assert_allclose(regression.fit_measures(places, fitted, 2), expected)
+    assert np.isnan(regression.fit_measures(np.zeros(5), np.ones(5), 2)[1:]).all()
     still = regress(flight(scatter=SCATTER).assign(x=150.0), EXIT, RATE)
     assert np.isnan([still.r2[0], still.r2_adjusted[0]]).all()
     assert np.isfinite([*still.rmse_mm, *still.r2[1:]]).all()
@@ -139,7 +129,7 @@ def test_every_track_has_its_row_and_the_fits_come_back():
     tracks = pd.concat([part.assign(particle=name) for part, name in named], ignore_index=True)
     table = regress_all(tracks.sample(frac=1.0, random_state=1), EXIT, RATE)
     assert table["particle"].tolist() == [0, 3, 5, 7]
-    assert table["outcome"].tolist() == [FITTED, NO_DEPTH, TOO_FEW, FITTED]
+    assert table["outcome"].tolist() == ["fitted", "no depth", "too few points", "fitted"]
     assert table["points"].tolist() == [60, 0, 3, 60]
     assert table.loc[1:2, "t0_s"].isna().all()
     pd.testing.assert_frame_equal(TRAJECTORIES.check(table), table)

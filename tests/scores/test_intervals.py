@@ -8,14 +8,8 @@ import pytest
 from scipy import stats
 
 from kilnflight.checks import InputError
-from kilnflight.scores import score_tracks
-from kilnflight.scores.intervals import (
-    DRAWS,
-    difference_interval,
-    median_interval,
-    share,
-    track_draws,
-)
+from kilnflight.scores import intervals, score_tracks
+from kilnflight.scores.intervals import difference_interval, median_interval, share, track_draws
 
 DWELL_S = np.random.default_rng(0).gamma(4.0, 0.1, 40)
 
@@ -23,9 +17,9 @@ DWELL_S = np.random.default_rng(0).gamma(4.0, 0.1, 40)
 def test_the_same_draws_give_the_interval_of_scipy():
     generator = np.random.default_rng(5)
     ours = median_interval(DWELL_S, generator)
-    peer = stats.bootstrap((DWELL_S,), np.median, n_resamples=DRAWS, method="percentile", axis=-1,
-                           rng=np.random.default_rng(5)).confidence_interval  # fmt: skip
-    assert (ours.low, ours.high) == pytest.approx((peer.low, peer.high), rel=1e-9)
+    settings = {"n_resamples": intervals.DRAWS, "method": "percentile", "axis": -1}
+    peer = stats.bootstrap((DWELL_S,), np.median, rng=np.random.default_rng(5), **settings)
+    assert (ours.low, ours.high) == pytest.approx(tuple(peer.confidence_interval), rel=1e-9)
     assert (ours.estimate, ours.numbers) == (np.median(DWELL_S), (40,))
     assert median_interval(DWELL_S, generator) == ours  # the generator is left as it was
     assert median_interval(np.tile(DWELL_S, 30), generator).numbers == (1200,)  # in two parts

@@ -7,15 +7,8 @@ from hypothesis import strategies as st
 from tests.definitions import kalman
 
 from kilnflight.checks import InputError
-from kilnflight.tracking.filter import (
-    ConstantAcceleration,
-    ConstantVelocity,
-    Detected,
-    Gate,
-    predict,
-    residual_covariance,
-    update,
-)
+from kilnflight.tracking import filter as filtering
+from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
 
 seeds = st.integers(0, 2**32 - 1)
 spans = st.integers(0, 300).map(lambda number: number / 10)  # frames
@@ -55,12 +48,12 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
     state = generator.normal(0, 50, (count, len(f)))
     roots = generator.normal(0, 3, (count, *f.shape))
     covariance = roots @ roots.mT + 0.1 * np.eye(len(f))
-    moved, spread = predict(state, covariance, f, q)
+    moved, spread = filtering.predict(state, covariance, f, q)
     positions = generator.normal(0, 50, (detections, 2))
     weights = generator.dirichlet(np.full(1 + detections, 0.5), count)
     weights[:1] = np.eye(1, 1 + detections)  # missed: the prediction bit by bit
-    factor = np.linalg.cholesky(residual_covariance(covariance, h, r))
-    after, left = update(state, covariance, factor, positions, weights, h)
+    factor = np.linalg.cholesky(filtering.residual_covariance(covariance, h, r))
+    after, left = filtering.update(state, covariance, factor, positions, weights, h)
     np.testing.assert_array_equal(after[:1], state[:1])
     np.testing.assert_array_equal(left[:1], covariance[:1])
     for i in range(count):

@@ -9,17 +9,9 @@ from scipy.optimize import linear_sum_assignment
 from tests.definitions import plain_tracklets as plain
 from tests.definitions.plain_tracklets import make_flights, make_table
 
-from kilnflight.tracklets import (
-    STEPS,
-    Connection,
-    Elimination,
-    Fusion,
-    OutlierRemoval,
-    postprocess,
-    tracked,
-)
+from kilnflight.tracklets import STEPS, Connection, Elimination, Fusion, OutlierRemoval, postprocess
 from kilnflight.tracklets.joining import Candidates, dual_nearest, hungarian
-from kilnflight.tracklets.paths import read_paths
+from kilnflight.tracklets.paths import read_paths, tracked
 
 seeds = st.integers(0, 2**32 - 1)
 T = np.arange(40)
