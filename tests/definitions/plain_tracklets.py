@@ -4,8 +4,6 @@ A tracklet is a dict from frame to (row, col, z), z NaN where unknown. Every ite
 judges every pair anew.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

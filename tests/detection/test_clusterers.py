@@ -64,19 +64,18 @@ def test_morphology_is_the_dilation_of_a_full_grid(seed, grid):
         np.testing.assert_array_equal(labels, plain.morphology(points, grid))
 
 
-@given(
-    seeds,
-    st.integers(1, 12),
-    st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0]),
-    st.sampled_from([(1, 1, 1), (1, 1, 1000), (0, 1, 0), (0, 0, 0)]),
-)
-@example(0, 5, 0.1, (1, 1, 1))
-def test_quasi_centers_are_the_definition_in_sets(seed, k, alpha, shape):
-    for points in (uneven(seed, 90) * shape, lattice(seed, 1 + seed % 70, 1 + seed % 6)):
-        neighbors = plain.neighbors_by_sorting(points, k)  # ties in the order of the cloud
-        np.testing.assert_array_equal(nearest_neighbors(points, k + 7)[:, :k], neighbors)
-        expected = plain.quasi_centers(points, k, alpha, neighbors)
-        np.testing.assert_array_equal(QuasiClusterCenters(k, alpha)(points), expected)
+@given(seeds, st.integers(1, 12))
+@example(0, 5)
+def test_quasi_centers_are_the_definition_in_sets(seed, k):
+    for points in (uneven(seed, 90), lattice(seed, 1 + seed % 70, 1 + seed % 6)):
+        for shape in ((1, 1, 1), (1, 1, 1000), (0, 1, 0), (0, 0, 0)):
+            neighbors = plain.neighbors_by_sorting(points * shape, k)  # ties in the cloud's order
+            found = nearest_neighbors(points * shape, k + 7)
+            np.testing.assert_array_equal(found[:, :k], neighbors)
+        neighbors = plain.neighbors_by_sorting(points, k)
+        for alpha in (0.0, 0.1, 0.5, 1.0, 3.0):
+            expected = plain.quasi_centers(points, k, alpha, neighbors)
+            np.testing.assert_array_equal(QuasiClusterCenters(k, alpha)(points), expected)
 
 
 def test_a_long_line_of_equal_steps_is_one_cluster():

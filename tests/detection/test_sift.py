@@ -55,7 +55,7 @@ def assert_defined(image, *parameters, atol=1e-3):
     assert max(near.min(axis=1).max(), near.min(axis=0).max()) < atol
 
 
-@pytest.mark.parametrize("shape", [(150, 210), (37, 90), (129, 33), (200, 31)])
+@pytest.mark.parametrize("shape", [(260, 210), (37, 90), (129, 33), (200, 31)])
 def test_it_is_the_plain_definition(shape):
     image = scene(shape[0], shape, blobs=12)
     assert_defined(image, 500.0)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from kilnflight.checks import InputError
+from kilnflight.detection import wall
 from kilnflight.detection.wall import Cylinder, InAir, crossing, distance_to_axis, fit_cylinder
 
 # Table 5.12, with the direction as printed.
@@ -86,6 +87,17 @@ def test_a_particle_is_in_the_air_up_to_the_threshold_and_nowhere_without_3d():
     assert InAir().on_wall(points, cylinder).tolist() == [False, False, True, False]
     assert InAir(760.0)(points, cylinder).tolist() == [True, False, False, False]
     assert InAir()([], cylinder).dtype == bool
+
+
+def test_the_likelihood_mixes_a_gaussian_and_outliers():
+    """Torr and Zisserman 2000; after five rounds of EM the mixing is nearly its fixed point."""
+    points = captured(ring(PUBLISHED, 300, np.random.default_rng(5)), np.random.default_rng(5))
+    middle, radius = np.array(PUBLISHED.centre_mm), 772.0
+    (cost,), (mixing,) = wall.likelihood(points, [middle], [AXIS], [radius], 2000.0)
+    gauss = norm.pdf(distance_to_axis(points, PUBLISHED) - radius, scale=50 / 1.96)
+    assert cost == pytest.approx(-np.log(mixing * gauss + (1 - mixing) / 2000).sum())
+    share = mixing * gauss / (mixing * gauss + (1 - mixing) / 2000)
+    assert share.mean() == pytest.approx(mixing, abs=1e-3)
 
 
 def bad_calls():

@@ -73,9 +73,6 @@ def test_true_trajectories_and_false_tracks_are_drawn():
     assert (spurious[:, 0] == 1).all()  # alpha ignores them
     times = (1 / spurious[:, 3] - 1) * 12  # number of false tracks drawn: Poisson's law
     assert (times.mean(), times.var()) == (pytest.approx(4, rel=0.1), pytest.approx(4, rel=0.2))
-
-
-def test_two_scores_of_one_truth_are_drawn_together():
     six, ten = (track_draws(scored(count), 1, [1, count]) for count in (6, 10))
     assert (ten - six)[:, 0].min() >= 0  # ten of the same follow at least as many
     assert (track_draws(scored(6), 1, [1, 6]) == six).all()

@@ -22,7 +22,6 @@ def points(score):
 
 TRUTH = line(range(10))
 TWO = pd.concat([TRUTH, line(range(10), 1, row=3.0)], ignore_index=True)
-BESIDE = TRUTH.assign(row=np.where(TRUTH["frame"] == 4, 9.0, 0.0))
 SPURIOUS = pd.concat([TRUTH, line([0, 1, 4], 9, row=500.0)], ignore_index=True)
 SWAPPED = TWO.assign(particle=(TWO["particle"] + (TWO["frame"] >= 6)) % 2)
 
@@ -38,10 +37,8 @@ SWAPPED = TWO.assign(particle=(TWO["particle"] + (TWO["frame"] >= 6)) % 2)
         (line([0, 4]), line([0, 4]), 5.0, (2, 3, 0), (1, 0, 0), 0.4, 0.4),
         # every frame beyond the truth is false, even without a point
         (TRUTH, line([-3, *range(10), 12]), 5.0, (10, 0, 6), (1, 0, 0), 0.4, 0.4),
-        (TRUTH, BESIDE, 5.0, (9, 1, 1), (1, 0, 0), 0.9, 0.9),  # missed and false
         (TRUTH, SPURIOUS, 5.0, (10, 0, 3), (1, 0, 1), 1.0, 10 / 15),
         (TWO, SWAPPED, 2.0, (12, 8, 8), (2, 0, 0), 0.6, 0.6),
-        (TWO, TRUTH.assign(row=2.0, particle=4), 5.0, (10, 10, 0), (1, 1, 0), 0.4, 0.4),
         # a pair no better than the dummy is none: three matches, two frames beyond the truth
         (line(range(3)), line(range(5), row=1.0), 3.0, (0, 3, 5), (0, 1, 1), 0.0, 0.0),
         (line([3]), line([4], step=0.75), 1.0, (0, 1, 1), (0, 1, 1), 0.0, 0.0),

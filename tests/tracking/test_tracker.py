@@ -10,7 +10,6 @@ from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 from kilnflight.tracking.tracker import Management, record, track
 
 trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
-motions = pytest.mark.parametrize("motion", [ConstantVelocity, ConstantAcceleration])
 
 
 def flight(start, velocity, frames=20, first=0, **columns):
@@ -37,7 +36,7 @@ FLIGHT = flight((100, 200), (12, -7))
 
 
 @trackers
-@motions
+@pytest.mark.parametrize("motion", [ConstantVelocity, ConstantAcceleration])
 def test_two_that_cross_and_one_that_hides_for_three_frames(associator, motion):
     """They cross between two frames, so only their motion distinguishes them."""
     assert right(track(CROSSING, associator, motion()))

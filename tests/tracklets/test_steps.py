@@ -145,8 +145,6 @@ def test_situations_of_figs_4_5_to_4_7(frame, row, col, removed):
         (Connection(), line(0, 9), (T[11:21], 5.0 * T[11:21] + 37, 0.0), False),
         (Fusion(), line(0, 39), line(5, 44, col=10.0), True),  # Fig. 4.15 right
         (Fusion(), line(0, 39), line(5, 44, col=11.0), False),
-        (Fusion(), line(0, 39), line(9, 19, col=3.0), True),  # within
-        (Fusion(), line(0, 39), line(40, 79), False),  # no overlap
     ],
 )
 def test_the_criteria_of_a_connection_and_a_fusion(step, one, other, joined):
