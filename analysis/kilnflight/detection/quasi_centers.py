@@ -80,20 +80,21 @@ class QuasiClusterCenters:
         return self.spread(cloud, nearest_neighbors(cloud, int(self.k)))
 
     def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> Index:
-        """Return the clusters of a cloud (n, 3) with known `nearest_neighbors`.
+        """Return the cluster (n,) of each point of a cloud (n, 3) in mm; noise is -1.
 
-        There may be more than ``k`` neighbours: several settings share one search.
+        ``nearest`` (n, at least k) is from `nearest_neighbors`; its first ``k`` columns count. So
+        several settings share one search.
         """
         count, k = len(cloud), int(self.k)
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
-        squares = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
-        dense_first = np.argsort(squares, kind="stable")
-        graph = _Graph(neighbors, squares, dense_first, *_centers(neighbors, squares))
-        clusters = np.arange(count)  # of a centre: the centre its cluster is merged into
+        sparsity = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
+        dense_first = np.argsort(sparsity, kind="stable")
+        graph = _Graph(neighbors, sparsity, dense_first, *_centers(neighbors, sparsity))
+        clusters = np.arange(count)  # of a centre: that into whose cluster its own is merged
         heads, chains = _spread(graph, clusters, self.alpha)
-        while _merge(heads[graph.levels], chains, clusters, k, self.alpha):
+        while _merge(heads[graph.groups], chains, clusters, k, self.alpha):
             pass
         labels = _choose(graph, heads, chains, clusters)
         labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
@@ -103,10 +104,11 @@ class QuasiClusterCenters:
 
 
 def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
-    """Return the nearest points (n, k), the nearest first; fewer if there are no more.
+    """Return the indices (n, k) of each point's nearest points, the nearest first.
 
-    None is its own neighbour. Equally distant points stand in the order of the cloud. So the first
-    columns are those of a search for fewer neighbours.
+    The cloud is (n, 3) in mm; there are n - 1 columns if that is fewer. No point is its own
+    neighbour. Equally distant points stand in the order of the cloud, so the first columns are
+    those of a search for fewer neighbours.
     """
     k = min(k, max(len(cloud) - 1, 0))
     nearest = np.empty((len(cloud), k), np.int32)
@@ -125,21 +127,21 @@ def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
 
 
 class _Graph(NamedTuple):
-    """Points with their neighbours and densities.
+    """Points with their neighbours and densities; points are indices in the cloud."""
 
-    A point is denser the nearer its k-th neighbour is (section 2.2.6).
-    """
-
-    neighbors: Any  # (n, k) points
-    squares: Any  # (n,) squared distances to the k-th neighbour, small where it is dense
+    neighbors: Any  # (n, k) points, the nearest first
+    sparsity: Any  # (n,) squared distance to the k-th neighbour, mm^2: 1 / density^2 of Eq. 2.37
     dense_first: Any  # (n,) points, the densest first
-    centers: Any  # (n,) whether a point is a centre
-    levels: Any  # (n,) the lowest of the equally dense points that reach each other
+    centers: Any  # (n,) whether a point is a centre of a cluster
+    groups: Any  # (n,) first point of the equally dense ones that are linked as neighbours
 
 
 @njit(cache=True)
 def _root(parents: Any, member: int) -> int:
-    """Return the root of a member's set, halving the way to it."""
+    """Return the root of a member's set, halving the way to it.
+
+    ``parents`` (n,) are disjoint sets of indices; a root is its own parent.
+    """
     while parents[member] != member:
         parents[member] = parents[parents[member]]
         member = parents[member]
@@ -148,36 +150,43 @@ def _root(parents: Any, member: int) -> int:
 
 @njit(cache=True)
 def _unite(parents: Any, member: int, other: int) -> bool:
-    """Join two sets under the lower root; return whether they differed."""
+    """Join the sets of two members under the lower root; return whether they differed.
+
+    ``parents`` (n,) is that of `_root`.
+    """
     first, second = _root(parents, member), _root(parents, other)
     parents[max(first, second)] = min(first, second)
     return first != second
 
 
 @njit(cache=True)
-def _centers(neighbors: Any, squares: Any) -> Any:
-    """Return whether each point (n,) is a centre, and its level (n,), as in `_Graph`.
+def _centers(neighbors: Any, sparsity: Any) -> Any:
+    """Return ``centers`` (n,) and ``groups`` (n,) of `_Graph`.
 
-    ``neighbors`` (n, k) are points, ``squares`` (n,) their squared k-th distances in mm^2, less
-    where it is denser. A centre is the densest among its neighbours, and among the points that
-    have it as a neighbour (section 2.2.6). The first follows from the second: a denser neighbour
-    of a point lies within its k-th distance, so no denser point may have it as a neighbour.
+    ``neighbors`` (n, k) and ``sparsity`` (n,) are fields of it, too. A centre is at least as dense
+    as all its neighbours (Eq. 2.38), or as all points that have it as a neighbour (Eq. 2.39). The
+    first implies the second: a denser point that has it as a neighbour lies within its k-th
+    distance, so it is a neighbour. Therefore only the second is tested.
     """
-    centers, levels = np.ones(len(squares), np.bool_), np.arange(len(squares))
-    for i in range(len(squares)):
+    centers, groups = np.ones(len(sparsity), np.bool_), np.arange(len(sparsity))
+    for i in range(len(sparsity)):
         for j in neighbors[i]:
-            if squares[j] > squares[i]:
+            if sparsity[j] > sparsity[i]:
                 centers[j] = False
-            elif squares[j] == squares[i]:
-                _unite(levels, i, j)
-    for i in range(len(squares)):
-        levels[i] = _root(levels, i)
-    return centers, levels
+            elif sparsity[j] == sparsity[i]:
+                _unite(groups, i, j)
+    for i in range(len(sparsity)):
+        groups[i] = _root(groups, i)
+    return centers, groups
 
 
 @njit(cache=True)
 def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
-    """Write the different clusters of a level's linked list into ``members``; return how many."""
+    """Write the different clusters of a linked list into ``members``; return how many.
+
+    The list begins at row ``entry`` of ``chains`` (-1: empty); `_spread` describes it. ``clusters``
+    (n,) are the parents of merged clusters, see `_root`.
+    """
     count = 0
     while entry >= 0:
         cluster = _root(clusters, chains[entry, 0])
@@ -190,7 +199,11 @@ def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
 
 @njit(cache=True)
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
-    """Count a point that clusters ``members`` share; return whether it merged any of them."""
+    """Count a point that clusters share, and merge those above ``alpha``; return whether any did.
+
+    ``members`` (c,) are the clusters of the point, ``clusters`` (n,) the parents of merged ones.
+    ``shared`` maps a pair, lower cluster times n plus the higher, to its number of shared points.
+    """
     merged = False
     for i in range(len(members)):
         for j in range(i):
@@ -204,47 +217,53 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
 
 @njit(cache=True)
 def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
-    """Return the clusters that reach each level, as linked lists.
+    """Return the clusters that reach each group, as linked lists ``heads`` and ``chains``.
 
-    The lists are the first entry of each level (-1: none) and entries of a cluster and the next
-    entry. Clusters spread in order of decreasing density. They are merged as soon as enough shared
-    points are counted, which keeps the lists short. This is never too early, as a merged cluster
-    shares no fewer points than its parts. `_merge` finds the rest.
+    ``heads`` (n,) is the first row in ``chains`` of the list of each group (-1: none). A row of
+    ``chains`` is a cluster, by the index of its centre, and the next row of the same list.
+    ``clusters`` (n,), the parents of merged clusters, is changed in place. Clusters spread in
+    order of decreasing density. They are merged as soon as enough shared points are counted, which
+    keeps the lists short. This is never too early, as a merged cluster shares no fewer points than
+    its parts. `_merge` finds the rest.
     """
-    squares, levels, (count, k) = graph.squares, graph.levels, graph.neighbors.shape
+    sparsity, groups, (count, k) = graph.sparsity, graph.groups, graph.neighbors.shape
     heads, chains, used = np.full(count, -1), np.empty((2 * count, 2), np.int64), 0
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     shared = Dict.empty(types.int64, types.int64)
-    sizes = np.bincount(levels)
+    sizes = np.bincount(groups)
     for i in np.flatnonzero(graph.centers):
-        level = levels[i]
-        if heads[level] >= 0 and sizes[level] / k > alpha:
-            _unite(clusters, int(i), chains[heads[level], 0])  # they share at least the level
+        group = groups[i]
+        if heads[group] >= 0 and sizes[group] / k > alpha:
+            _unite(clusters, int(i), chains[heads[group], 0])  # they share at least the group
         else:
-            chains[used, 0], chains[used, 1] = i, heads[level]
-            heads[level] = used
+            chains[used, 0], chains[used, 1] = i, heads[group]
+            heads[group] = used
             used += 1
     for i in graph.dense_first:
-        count = _gather(heads[levels[i]], chains, clusters, members)
+        count = _gather(heads[groups[i]], chains, clusters, members)
         _share(members[:count], clusters, shared, k, alpha)
         if used + count * k > len(chains):
             chains = np.concatenate((chains, np.empty_like(chains)))
         for j in graph.neighbors[i]:
-            if squares[j] > squares[i]:
+            if sparsity[j] > sparsity[i]:
                 for cluster in members[:count]:
-                    root, entry = _root(clusters, cluster), heads[levels[j]]
+                    root, entry = _root(clusters, cluster), heads[groups[j]]
                     while entry >= 0 and _root(clusters, chains[entry, 0]) != root:
                         entry = chains[entry, 1]
                     if entry < 0:
-                        chains[used, 0], chains[used, 1] = root, heads[levels[j]]
-                        heads[levels[j]] = used
+                        chains[used, 0], chains[used, 1] = root, heads[groups[j]]
+                        heads[groups[j]] = used
                         used += 1
     return heads, chains
 
 
 @njit(cache=True)
 def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bool:
-    """Merge clusters that share too many points; return whether any did."""
+    """Merge clusters that share too many points; return whether any did.
+
+    ``entries`` (n,) is the first row in ``chains`` of each point's list of clusters. ``clusters``
+    (n,), the parents of merged clusters, is changed in place.
+    """
     members = np.empty(len(entries), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     merged = False
@@ -256,12 +275,16 @@ def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bo
 
 @njit(cache=True)
 def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
-    """Return the cluster of each point; of several, that of its exemplar."""
-    squares = graph.squares
-    labels = np.full(len(squares), NOISE)
+    """Return the cluster (n,) of each point, by the index of its centre.
+
+    A point in several clusters takes that of its exemplar, its densest neighbour (Eq. 2.40). The
+    other arguments are those of `_spread` and `_merge`.
+    """
+    sparsity = graph.sparsity
+    labels = np.full(len(sparsity), NOISE)
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     for i in graph.dense_first:
-        count = _gather(heads[graph.levels[i]], chains, clusters, members)
+        count = _gather(heads[graph.groups[i]], chains, clusters, members)
         if graph.centers[i]:
             labels[i] = _root(clusters, i)
         elif count == 1:
@@ -269,8 +292,8 @@ def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
         else:
             exemplar = graph.neighbors[i, 0]
             for j in graph.neighbors[i]:
-                denser = squares[j] < squares[exemplar]
-                if denser or (squares[j] == squares[exemplar] and j < exemplar):
+                denser = sparsity[j] < sparsity[exemplar]
+                if denser or (sparsity[j] == sparsity[exemplar] and j < exemplar):
                     exemplar = j
             labels[i] = labels[exemplar]
     return labels

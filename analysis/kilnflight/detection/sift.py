@@ -27,23 +27,30 @@ _Box = tuple[int, int, int, int]  # first row, end row, first column, end column
 LAYERS = 3  # scales per octave that are searched; k of Eq. 2.23 is 2^(1/LAYERS)
 SIGMA_PX = 1.6  # blur of the first scale of an octave, in px of the octave
 EDGE = 10.0  # largest ratio of the curvatures across a blob, r of Eq. 2.28
-_FITS = 3  # of the quadratic, one sample after the other
+_FITS = 3  # fits of the quadratic at a maximum; after each it may move by one sample
 _MOVE = 0.6  # offset in px from which the fit moves to the next sample
-_BELIEVED = 1.0  # offset in samples to which a quadratic through three of them is believed
+_BELIEVED = 1.0  # offset in samples from which a keypoint is rejected: beyond the three fitted
 _WALK = _FITS  # px around a sample that its fits can reach
 _BLOCK = 8  # side in px of the blocks whose range bounds the differences
 _TILE = 16  # side in blocks of the tiles that are blurred one at a time
 
 
 def _taps(sigma: float) -> Single:
-    """Return the centre and right half of a Gaussian kernel (Eq. 2.22)."""
+    """Return the centre and right half (1 + r,) of a Gaussian kernel (Eq. 2.22).
+
+    ``sigma`` is in px; the whole kernel sums to 1 and ends at r = 4 sigma.
+    """
     away = np.arange(math.ceil(4.0 * sigma) + 1)  # what is cut off weighs 6e-5
     weight = np.exp(-0.5 * (away / max(sigma, 1e-9)) ** 2)  # 0 px changes nothing
     return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
 
 
 def _positive(inner: Single, outer: Single) -> tuple[int, float]:
-    """Return radius and sum of the positive weights of inner - outer (both `_taps`)."""
+    """Return radius in px and sum of the positive weights of a difference of Gaussians.
+
+    ``inner`` and ``outer`` are `_taps`, (1 + r,) each; the weights are those of inner - outer in
+    2D. `_reachable` bounds the difference by them.
+    """
     wide = np.concatenate([outer[:0:-1], outer])
     narrow = np.pad(np.concatenate([inner[:0:-1], inner]), len(outer) - len(inner))
     weight = np.multiply.outer(narrow, narrow) - np.multiply.outer(wide, wide)
@@ -124,9 +131,16 @@ class DoG:
     def graded(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
         """Return row, col, radius (px) and largest threshold (grey values) of particles, (n, 4).
 
-        The rows not below a higher threshold are the particles at that threshold, bit for bit.
-        So one call serves a table of thresholds (Table 5.6). ``foreground`` (rows, cols) and
-        ``within``, a polygon of (row, col), are as for a detector without thresholds.
+        A particle is found at every threshold up to its largest one. So the rows with at least a
+        higher threshold are what a detector with that threshold finds, bit for bit. One call
+        serves a table of thresholds (Table 5.6).
+
+        Parameters
+        ----------
+        foreground
+            (rows, cols) grey values.
+        within
+            Corners (row, col) of a polygon in px, or None: the whole image.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         octaves, spacing = [np.empty((0, 4))], 1.0
@@ -143,9 +157,10 @@ class DoG:
     def _octave(
         self, image: Single, padded: Single, spacing: float, within: Polygon | None
     ) -> Array:
-        """Return the keypoints (n, 4) of an octave, in px of the image at full size.
+        """Return row, col, radius and largest threshold (n, 4) of an octave's keypoints.
 
-        One pixel of the octave's ``image`` is ``spacing`` px; ``padded`` is the image mirrored.
+        Places and radii are in px of the image at full size; one pixel of the octave's ``image``
+        (rows, cols) is ``spacing`` of them. ``padded`` is the image after `_mirrored`.
         """
         live = _reachable(image, self.threshold / 2)
         if within is not None:
@@ -161,18 +176,19 @@ class DoG:
 
 
 def _mirrored(image: Single) -> Single:
-    """Return the image, mirrored by `_MARGIN` beyond its border."""
+    """Return the image (rows, cols) with `_MARGIN` mirrored px on every side, float32."""
     border = cv2.copyMakeBorder(image, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_REFLECT_101)
     return np.asarray(border, np.float32)
 
 
 @njit(cache=True)
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
-    """Write into a line (size,) its weighted sum with r neighbours on either side.
+    """Write a line, blurred along one axis of an image, into ``target`` (size,), float32.
 
-    ``source`` (n,) is flat, float32. ``low`` and ``high`` (1 + r,) are the first elements of the
-    neighbours at distance 0 to r, ``weights`` (1 + r,) half a symmetric kernel. Three pairs at a
-    time save reads and writes; another order of the sum would change the last bit.
+    A line is ``size`` consecutive elements of ``source`` (n,): an image, row after row, float32.
+    Lines j px before and after it begin at the elements ``low[j]`` and ``high[j]``, (1 + r,) each;
+    ``low[0]`` is its own. ``weights`` (1 + r,) are those of `_taps`. Three pairs at a time save
+    reads and writes; the order of the sum may not change, as it decides the last bit.
     """
     size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
     centre, weight = source[low[0] : low[0] + size], weights[0]
@@ -196,8 +212,8 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 def _blur(padded: Any, weights: Any, step: int) -> Any:
     """Return every ``step``-th pixel of the blurred image (Eq. 2.21), float32.
 
-    ``padded`` (rows + 2 margins, cols + 2 margins) is mirrored at the border; ``weights`` are those
-    of `_pass`, which blurs down the rows first, then across.
+    The image is (rows, cols); ``padded`` has `_MARGIN` px more on every side (`_mirrored`).
+    ``weights`` (1 + r,) are those of `_taps`. Columns are blurred first, then rows.
     """
     (height, width), away, flat = padded.shape, np.arange(len(weights)), padded.ravel()
     rows, cols = height - 2 * _MARGIN, width - 2 * _MARGIN
@@ -216,8 +232,10 @@ def _blur(padded: Any, weights: Any, step: int) -> Any:
 def _differences(padded: Any, box: _Box, kernels: Any) -> Any:
     """Return the differences of Gaussians (kernels - 1, rows, cols) in a box of an image.
 
-    Narrow minus wide: bright blobs are positive. Compiled: the box stays in the cache of the
-    processor, which takes half of OpenCV's time.
+    Float32, in grey values; narrow minus wide, so bright blobs are positive. ``box`` is in px of
+    the ``padded`` image and at least the largest r from its border. ``kernels`` are `_taps`,
+    (1 + r,) each, the narrowest first. Compiled: the box stays in the cache of the processor,
+    which takes half of OpenCV's time.
     """
     top, bottom, left, right = box
     rows, cols = bottom - top, right - left
@@ -243,9 +261,12 @@ def _differences(padded: Any, box: _Box, kernels: Any) -> Any:
 
 @njit(cache=True)
 def _search(padded: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
-    """Return the `_keypoints` (n, 7) of all boxes, in pixels of the image.
+    """Return the keypoints (n, 7) of all boxes, with the columns of `_keypoints`.
 
-    Compiled: some hundred boxes a frame, each passed from Python, cost a fifth of their time.
+    ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image without margin;
+    ``padded`` is the image after `_mirrored`. ``kernels`` are `_taps`, the narrowest first, and
+    ``threshold`` is in grey values. Compiled: some hundred boxes a frame, each passed from Python,
+    cost a fifth of their time.
     """
     found, count, inner = np.empty((64, 7)), 0, _MARGIN - _WALK
     rows, cols = padded.shape[0] - 2 * _MARGIN, padded.shape[1] - 2 * _MARGIN
@@ -269,8 +290,9 @@ def _search(padded: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
 def _maxima(stack: Any, level: float) -> Any:
     """Return layer, row, col (n, 3) of each local maximum of a stack.
 
-    A maximum is larger than its 26 neighbours; ties go to the first sample. Maxima are positive,
-    at least ``level``, and at least `_WALK` px from the border.
+    The stack (layers, rows, cols) holds differences of Gaussians. A maximum is larger than its 26
+    neighbours; ties go to the first sample. It is positive, at least ``level`` in grey values, and
+    at least `_WALK` px from the border.
     """
     layers, rows, cols = stack.shape
     places = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
@@ -299,10 +321,12 @@ def _maxima(stack: Any, level: float) -> Any:
 def _keypoints(stack: Any, visit: _Box, threshold: float) -> Any:
     """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
-    A quadratic is fitted at each maximum. Columns: layer, row, col of the sample, the extremum's
-    offset from it, and the largest threshold at which that maximum still gives this keypoint. The
-    fit moves by one pixel at a time within ``visit``; its layer stays. Compiled: most boxes hold
-    one maximum or none, too few for numpy.
+    The stack (layers, rows, cols) holds differences of Gaussians of one box. A quadratic is fitted
+    at each maximum. Columns: layer, row, col of the sample; offset of the quadratic's extremum
+    from it along the same axes, in samples; and the largest threshold, in grey values, at which
+    the maximum still gives this keypoint. The fit moves by one pixel at a time; its layer stays.
+    ``visit`` are the rows and columns of the stack that it may reach, half open. Compiled: most
+    boxes hold one maximum or none, too few for numpy.
     """
     places = _maxima(stack, threshold / 2)
     points, count = np.empty((len(places), 7)), 0
@@ -331,7 +355,10 @@ def _keypoints(stack: Any, visit: _Box, threshold: float) -> Any:
 
 @njit(cache=True)
 def _derivatives(cube: Any) -> Any:
-    """Return value, gradient and Hessian in the middle of a cube."""
+    """Return value, gradient (3,) and Hessian (3, 3) in the middle of a cube.
+
+    The cube (3, 3, 3) is layer, row, col; differences are central and per sample.
+    """
     gradient, hessian = np.empty(3), np.empty((3, 3))
     values, steps = cube.ravel(), (9, 3, 1)  # from a sample to the next along each axis
     for i in range(3):
@@ -347,7 +374,10 @@ def _derivatives(cube: Any) -> Any:
 
 @njit(cache=True)
 def _extremum(gradient: Any, hessian: Any) -> Any:
-    """Return the offset (3,) of the quadratic's extremum (Eq. 2.26), or NaN."""
+    """Return the offset (3,) in samples of a quadratic's extremum (Eq. 2.26).
+
+    ``gradient`` is (3,), ``hessian`` (3, 3); NaN where the Hessian is singular.
+    """
     first = np.cross(hessian[1], hessian[2])
     determinant = np.dot(hessian[0], first)
     if determinant == 0:
@@ -359,7 +389,10 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
 
 @njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _block_ranges(image: Any) -> Any:
-    """Return the smallest and the largest value of each block, (2, blocks, blocks)."""
+    """Return the smallest and the largest value of each block, (2, block rows, block cols).
+
+    A block is `_BLOCK` px wide and high, cut at the border of the image (rows, cols).
+    """
     rows, cols = image.shape
     out = np.empty((2, -(-rows // _BLOCK), -(-cols // _BLOCK)), np.float32)
     low, high = np.empty(cols, np.float32), np.empty(cols, np.float32)
@@ -380,10 +413,12 @@ def _block_ranges(image: Any) -> Any:
 
 
 def _reachable(image: Single, level: float) -> Flags:
-    """Return the blocks in which an inner difference can reach ``level``.
+    """Return whether a keypoint can lie in each block, (block rows, block cols).
 
-    A bound: weights of a difference sum to zero, so it is at most the sum of the positive ones
-    times (largest value within their radius - smallest value under the kernel).
+    That is where a searched difference of Gaussians can reach ``level`` in grey values; other
+    blocks are skipped to save time. The weights of a difference sum to zero. So it is at most the
+    sum of the positive ones times (largest value within their radius - smallest value under the
+    kernel).
     """
     low, high = _block_ranges(image)
     # A sum of products of float32 is off by less than this; the bound must not be.
@@ -396,9 +431,10 @@ def _reachable(image: Single, level: float) -> Flags:
 
 
 def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
-    """Return the blocks near a polygon; its corners are in units of 1 / ``side`` blocks.
+    """Return whether each block, of ``shape``, lies in a polygon or within two blocks of it.
 
-    A margin of two blocks is more than a fit may move and rounding may shift.
+    Corners (row, col) of the polygon and the ``side`` of a block are in px of the image at full
+    size. Two blocks are more than a fit may move and rounding may shift.
     """
     corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
     drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
@@ -406,7 +442,11 @@ def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
 
 
 def _boxes(live: Flags, shape: tuple[int, ...]) -> list[_Box]:
-    """Return boxes in px around connected live blocks, cut to tiles and without the border."""
+    """Return the boxes to search, in px, around connected blocks of ``live``.
+
+    ``live`` (block rows, block cols) is from `_reachable`, ``shape`` that of the image in px. Boxes
+    are cut to `_TILE` blocks a side and leave out the outermost pixels of the image.
+    """
     boxes = []
     for rows, cols in find_objects(label(live)[0]):
         tiles = product(range(rows.start, rows.stop, _TILE), range(cols.start, cols.stop, _TILE))
