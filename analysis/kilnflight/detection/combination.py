@@ -46,7 +46,7 @@ _COLUMNS = ("row", "col", "radius_px", "x", "y", "z", "points", "case")
 
 
 class Clusters(NamedTuple):
-    """Points of several clusters, one cluster after the other."""
+    """n points of several clusters, one cluster after the other."""
 
     pixels: Index  # (n, 2) row and col
     xyz: Array  # (n, 3) mm
@@ -54,9 +54,10 @@ class Clusters(NamedTuple):
 
 
 def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
-    """Return the clusters of points (n, 2) px and (n, 3) mm with labels (n,).
+    """Return the clusters of points with ``labels`` (n,), by ascending label.
 
-    Label -1 is in no cluster.
+    ``pixels`` (n, 2) are row and col, ``xyz`` (n, 3) in mm. Points of label -1 are left out; a
+    label without points is no cluster.
     """
     labelled = np.flatnonzero(labels >= 0)
     label = labels[labelled]
@@ -71,7 +72,10 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
 
 
 def rectangles(clusters: Clusters) -> Index:
-    """Return first row, row after the last, first and end column (clusters, 4)."""
+    """Return the rectangle in px of each cluster's points, (clusters, 4).
+
+    Columns are first row, row after the last, first column, column after the last.
+    """
     low, high = (
         edge.reduceat(clusters.pixels, clusters.start[:-1], axis=0)
         for edge in (np.minimum, np.maximum)
@@ -80,13 +84,13 @@ def rectangles(clusters: Clusters) -> Index:
 
 
 def centers(clusters: Clusters) -> Array:
-    """Return mean row and column (clusters, 2) of each cluster."""
+    """Return the mean row and column of each cluster's points, (clusters, 2) in px."""
     sums = np.add.reduceat(clusters.pixels.astype(np.float64), clusters.start[:-1], axis=0)
     return np.asarray(sums / np.diff(clusters.start)[:, None])
 
 
 def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Clusters:
-    """Return some clusters, chosen by indices or a mask."""
+    """Return the clusters chosen by indices (k,), in that order, or by a mask."""
     first, sizes = clusters.start[:-1][which], np.diff(clusters.start)[which]
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     point = np.repeat(first - start[:-1], sizes) + np.arange(start[-1])
@@ -96,14 +100,17 @@ def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Cluster
 def potential_particles(
     keypoints: Array, clusters: Clusters, shape: tuple[int, ...]
 ) -> Iterator[tuple[int, Index, Index]]:
-    """Yield case, keypoints and clusters of each potential particle.
+    """Yield case, keypoints (s,) and clusters (c,) of each potential particle.
+
+    Both are indices. A keypoint and a cluster are linked if its disc shares a pixel with the
+    cluster. A potential particle is all that is linked, directly or through others.
 
     Parameters
     ----------
     keypoints
-        (k, 3) row, column and radius.
+        (k, 3) row, column and radius in px.
     clusters
-        Of the same frame.
+        Clusters of the same frame.
     shape
         Rows and columns of the frame.
     """
@@ -132,9 +139,9 @@ def disc_pixels(
     Parameters
     ----------
     discs
-        (n, 3) row, column and radius.
+        (n, 3) row, column and radius in px.
     smallest
-        Radius of discs that are smaller.
+        Least radius in px; smaller discs get it.
     shape
         Rows and columns of the image.
     """
@@ -154,10 +161,10 @@ def disc_pixels(
 
 
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
-    """Return the mean grey value (n,) within each disc (n, 3) of row, column and radius.
+    """Return the mean grey value (n,) within each disc.
 
-    A disc covers at least the pixel nearest to its centre; pixels outside the image do not
-    count.
+    ``gray`` is (rows, cols), ``discs`` (n, 3) are row, column and radius in px. A disc covers
+    at least the pixel nearest to its centre; pixels outside the image do not count.
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
@@ -183,14 +190,17 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Combination:
-    """Combine any 2D detector with any clusterer.
+    """Find particles by any 2D detector combined with any clusterer (chapter 3.1).
 
     Parameters
     ----------
-    detector, clusterer
-        Of the pictures and of the points without the wall.
+    detector
+        Finds keypoints in the foreground.
+    clusterer
+        Finds clusters among the points without the wall.
     wall
-        First pass, with the parameters of highest precision: its largest cluster is the wall.
+        Clusterer of the first pass; its largest cluster is the wall. Section 5.1.3 takes the
+        parameters of highest precision.
     prominence
         Multiple of the noise by which a peak must stand out. The thesis does not say; in an
         area of noise alone, of some hundred pixels, the highest stands out by about 3.5.
@@ -215,9 +225,9 @@ class Combination:
         Parameters
         ----------
         view
-            The frame.
+            Images and points of the frame.
         roi
-            Polygon (row, col); particles outside are left out.
+            Corners (row, col) of a polygon in px; particles outside are left out. None: all stay.
         frame
             Number of the frame, for the table.
 
@@ -237,7 +247,28 @@ class Combination:
         roi: Polygon | None = None,
         frame: int = 0,
     ) -> pd.DataFrame:
-        """Return `kilnflight.tables.DETECTIONS` of keypoints (k, 3) and point labels (n,)."""
+        """Return the particles of a frame with given keypoints and clusters.
+
+        So several combinations can share one detection and one clustering.
+
+        Parameters
+        ----------
+        view
+            Images and points of the frame.
+        keypoints
+            (k, 3) row, col and radius in px.
+        labels
+            (n,) cluster of each point of the view; -1: wall or noise.
+        roi
+            Corners (row, col) of a polygon in px; particles outside are left out. None: all stay.
+        frame
+            Number of the frame, for the table.
+
+        Returns
+        -------
+        DataFrame
+            `kilnflight.tables.DETECTIONS`.
+        """
         clusters = sort_clusters(view.pixels, view.xyz, labels)
         small = widths(clusters) <= LARGEST_PX
         if roi is not None:
@@ -261,7 +292,11 @@ class Combination:
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
-    """Return the labels (n,) of the second pass; wall and noise are -1."""
+    """Return the cluster (n,) of each point without the wall; wall and noise are -1.
+
+    ``xyz`` (n, 3) is in mm. The first pass, ``wall``, finds the wall as its largest cluster; the
+    second, ``clusterer``, takes the other points.
+    """
     first = wall(xyz)
     labels = np.full(len(xyz), -1, dtype=np.intp)
     on_wall = np.zeros(len(xyz), dtype=bool)
@@ -272,16 +307,20 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
 
 
 def decide_case(case: int, spots: Array, clusters: Clusters, evidence: Evidence) -> Array:
-    """Return the particles (k, 8) of a potential particle by its case.
+    """Return the particles (k, 8) of a potential particle by its case; k may be 0.
 
     Columns are row, column, radius in px, mean x, y, z in mm, number of points, and case.
 
     Parameters
     ----------
-    case, spots, clusters
-        Its case, its keypoints (k, 3) and its clusters.
+    case
+        1 to 5, as in the module's table.
+    spots
+        (s, 3) row, column and radius in px of its keypoints; none in case 4, one in 1, 3 and 5.
+    clusters
+        Its clusters; none in case 5.
     evidence
-        Peaks and changes of the grey values.
+        Peaks and changes of the grey values of the frame.
     """
     pixels, xyz = clusters.pixels, clusters.xyz
     if case == 1:
@@ -312,25 +351,29 @@ def decide_case(case: int, spots: Array, clusters: Clusters, evidence: Evidence)
 
 
 def _particle(spot: Sequence[float], xyz: Array, case: int) -> Array:
-    """Return one row (1, 8) of `decide_case`; a place without points is unknown."""
+    """Return the row (1, 8) of one particle, columns as in `decide_case`.
+
+    ``spot`` is row, column and radius in px; ``xyz`` (n, 3) are its points in mm. Without points
+    x, y, z are NaN.
+    """
     place = xyz.mean(axis=0) if len(xyz) else np.full(3, np.nan)
     return np.array([[*spot, *place, len(xyz), case]])
 
 
 def _middle(pixels: Index) -> tuple[float, float, float]:
-    """Return mean row, mean column and radius of a disc of so many pixels (n, 2)."""
+    """Return mean row, mean column of n pixels (n, 2), and radius of a disc as large."""
     row, col = pixels.mean(axis=0)
     return row, col, np.sqrt(len(pixels) / np.pi)
 
 
 def around(pixels: Index) -> Index:
-    """Return the rectangle (4,) around pixels; see `rectangles`."""
+    """Return first row, end row, first col and end col (4,) of pixels (n, 2)."""
     low, high = pixels.min(axis=0), pixels.max(axis=0) + 1
     return np.array([low[0], high[0], low[1], high[1]])
 
 
 def widened(areas: Index) -> Index:
-    """Return rectangles (..., 4) with `MARGIN_PX` more on every side."""
+    """Return rectangles (..., 4) of `rectangles` with `MARGIN_PX` more on every side."""
     return areas + MARGIN_PX * np.array([-1, 1, -1, 1])
 
 

@@ -28,7 +28,11 @@ _REACH = 2  # cells between points that are within eps
 
 
 def check_points_mm(points: npt.ArrayLike, where: str) -> Array:
-    """Return (n, 3) finite points as float64, or raise an `InputError`."""
+    """Return points (n, 3) in mm as contiguous float64.
+
+    An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or beyond
+    1e100 mm, raise an `InputError`; ``where`` begins its message.
+    """
     cloud = np.ascontiguousarray(check_finite(points, where))
     if cloud.size == 0 and cloud.ndim < 2:
         return np.empty((0, 3))
@@ -107,7 +111,7 @@ class DBSCAN:
 
 
 def k_distances(points: npt.ArrayLike, k: int = 6) -> Array:
-    """Return the distances of all points to their k-th neighbour in mm, (n,), descending.
+    """Return the distances of all points to their k-th neighbours in mm, descending.
 
     Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the first, as
     in section 2.2.4. At ``k = min_points`` the points whose distance is at most eps are the core
@@ -137,15 +141,16 @@ class _Cells(NamedTuple):
     Attributes
     ----------
     order
-        (n,) positions in the caller's cloud; within a cell ascending.
+        (n,) indices in the caller's cloud; within a cell ascending.
     points
-        (n, 3) the points in that order, float64.
+        (n, 3) the points in that order, in mm.
     keys
         (m,) numbers of the occupied cells, ascending.
     starts
-        (m + 1,) first point of each occupied cell.
+        (m + 1,) index in ``points`` of each occupied cell's first point; last, n.
     steps
-        (25,) steps from a cell's number to the rows within reach, the nearest first.
+        (25,) differences from the number of a cell to that of the cell at the same z in another
+        row. The rows are the 5 x 5 within `_REACH`: first its own, then the 8 adjacent ones.
     """
 
     order: Whole
@@ -156,10 +161,10 @@ class _Cells(NamedTuple):
 
 
 def _sort_into_cells(points: Array, side: float) -> _Cells:
-    """Return points (n, 3) sorted into cubic cells.
+    """Return points (n, 3) sorted into cubic cells; ``side`` is a cell's in mm.
 
     Cells are counted from the smallest x, y and z. After each row and each layer `_REACH` cells
-    stay empty.
+    stay empty, so that a step beyond an end meets no cell of the next one.
     """
     # each axis for itself: along narrow rows numpy is slow
     low, high = (np.array([edge(axis) for axis in points.T]) for edge in (np.min, np.max))
@@ -181,7 +186,11 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
 
 @njit(cache=True)
 def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
-    """Return the number of each point's cell."""
+    """Return the number (n,) of each point's cell, int64.
+
+    ``points`` (n, 3), their smallest coordinates ``low`` (3,) and ``side`` are in mm. ``layer`` and
+    ``row`` are the numbers of cells of one layer and of one row, empty ones included.
+    """
     keys = np.empty(len(points), np.int64)
     for i in range(len(points)):
         x = np.int64((points[i, 0] - low[0]) / side)
@@ -192,7 +201,7 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
 
 @njit(cache=True)
 def _radix_sort(keys: Any, bound: int) -> Any:
-    """Return keys in [0, bound] sorted, with their stable order."""
+    """Return keys (n,) in [0, bound] sorted, and their stable order (n,), both int64."""
     order = np.arange(len(keys))
     other_order, other_keys = np.empty_like(order), np.empty_like(keys)
     shift, mask = 0, (1 << _BITS) - 1
@@ -213,7 +222,10 @@ def _radix_sort(keys: Any, bound: int) -> Any:
 
 @njit(cache=True)
 def _advance(keys: Any, start: int, bound: int) -> int:
-    """Return the index of the first of ascending ``keys`` not below a bound, from ``start`` on."""
+    """Return the index of the first key not below ``bound``, from ``start`` on.
+
+    ``keys`` (m,) ascend; m if all are below.
+    """
     while start < len(keys) and keys[start] < bound:
         start += 1
     return start
@@ -221,7 +233,10 @@ def _advance(keys: Any, start: int, bound: int) -> int:
 
 @njit(cache=True)
 def _root(parents: Any, member: int) -> int:
-    """Return the root of a member's set, halving the way to it."""
+    """Return the root of a member's set, halving the way to it.
+
+    ``parents`` (m,) are disjoint sets of indices; a root is its own parent.
+    """
     while parents[member] != member:
         parents[member] = parents[parents[member]]
         member = parents[member]
@@ -230,7 +245,7 @@ def _root(parents: Any, member: int) -> int:
 
 @njit(cache=True)
 def _near(points: Any, a: int, b: int, limit: float) -> bool:
-    """Return whether two points are at most eps apart."""
+    """Return whether two of the points (n, 3) are within eps; ``limit`` is eps^2."""
     x = points[a, 0] - points[b, 0]
     y = points[a, 1] - points[b, 1]
     z = points[a, 2] - points[b, 2]
@@ -239,10 +254,11 @@ def _near(points: Any, a: int, b: int, limit: float) -> bool:
 
 @njit(cache=True)
 def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
-    """Return whether each sorted point is a core point.
+    """Return whether each of ``cells.points`` is a core point, (n,).
 
-    The cells within reach in one row are consecutive in the order of the points. The nearest rows
-    decide most points, so that the others are not read.
+    ``limit`` is eps^2 in mm^2. A cell with ``min_points`` points has core points only, as any two
+    of its points are within eps. The cells within reach in one row are consecutive in the order
+    of the points. The nearest rows decide most points, so that the others are not read.
     """
     keys, starts, steps = cells.keys, cells.starts, cells.steps
     x, y, z = cells.points[:, 0].copy(), cells.points[:, 1].copy(), cells.points[:, 2].copy()
@@ -272,7 +288,11 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
 
 @njit(cache=True)
 def _touch(cells: _Cells, core: Any, cell: int, other: int, limit: float) -> bool:
-    """Return whether core points of two cells are at most eps apart."""
+    """Return whether a core point of one cell is within eps of one of another cell.
+
+    ``core`` (n,) marks the core points of ``cells``, ``cell`` and ``other`` are indices in its
+    keys, and ``limit`` is eps^2 in mm^2.
+    """
     for a in range(cells.starts[cell], cells.starts[cell + 1]):
         if core[a]:
             for b in range(cells.starts[other], cells.starts[other + 1]):
@@ -283,9 +303,11 @@ def _touch(cells: _Cells, core: Any, cell: int, other: int, limit: float) -> boo
 
 @njit(cache=True)
 def _connected_cells(cells: _Cells, core: Any, limit: float) -> Any:
-    """Return the first cell of each cell's cluster.
+    """Return the first cell (m,) of each cell's cluster, an index in ``cells.keys``.
 
-    Adjacent cells come first, so that most cells two steps apart are connected already.
+    Cells are connected where core points, marked by ``core`` (n,), are within eps; ``limit`` is
+    eps^2 in mm^2. Adjacent cells come first, so that most cells two steps apart are connected
+    already.
     """
     keys, steps = cells.keys, cells.steps
     parents = np.arange(len(keys))
@@ -309,7 +331,12 @@ def _connected_cells(cells: _Cells, core: Any, limit: float) -> Any:
 
 @njit(cache=True)
 def _add_borders(cells: _Cells, core: Any, numbers: Any, limit: float, labels: Any) -> None:
-    """Write the labels of border points; ``numbers`` are the clusters of the cells."""
+    """Write the clusters of border points into ``labels`` (n,), in place.
+
+    Labels are in the order of the caller's cloud. ``core`` (n,) marks the core points of ``cells``,
+    ``numbers`` (m,) are the clusters of its cells (-1: none), and ``limit`` is eps^2 in mm^2. The
+    lowest of several clusters is taken.
+    """
     keys, starts, steps = cells.keys, cells.starts, cells.steps
     first = np.zeros(25, np.int64)
     for cell in range(len(keys)):

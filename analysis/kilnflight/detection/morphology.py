@@ -14,7 +14,8 @@ from kilnflight.arrays import Index
 from kilnflight.checks import check_number
 from kilnflight.detection.dbscan import check_points_mm
 
-_TOUCH = 3  # steps between cells that share a cluster: each is dilated by one
+# Cells up to so many steps apart share a cluster: both are dilated by one, and may touch.
+_TOUCH = 3
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,12 @@ class MorphologicalClustering:
 
 
 def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
-    """Return the cluster of each cell by its number; numbers ascend.
+    """Return the cluster (m,) of each occupied cell.
 
-    Cells within reach of another in one row are consecutive. Linking the first and the last of
-    them suffices: they span two reaches, so at most one gap between them is wider than a reach.
+    ``keys`` (m,) are the numbers of the cells, ascending: x side^2 + y side + z. ``side`` counts
+    the cells along an axis, the `_TOUCH` empty ones included. Cells within `_TOUCH` steps of
+    another in one row are consecutive. Linking the first and the last of them suffices: they span
+    twice `_TOUCH` steps, so at most one gap between them is wider than `_TOUCH`.
     """
     around = np.arange(-_TOUCH, _TOUCH + 1)
     steps = np.add.outer(around * side, around).ravel() * side  # to the rows within reach

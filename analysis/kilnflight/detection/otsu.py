@@ -20,6 +20,8 @@ SMALLEST_PX = 5  # a pixel and its four neighbours, the smallest region with an 
 def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     """Return the foreground (rows, cols) in the machine's byte order.
 
+    Half floats become float32, other types stay. ``where`` begins the error's message.
+
     Raises
     ------
     InputError
@@ -45,9 +47,10 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
 
 
 def otsu_threshold(values: npt.ArrayLike) -> int:
-    """Return the grey level k that maximises Eq. 2.19.
+    """Return the grey level with the largest variance between classes (Eq. 2.19).
 
-    Values above it are foreground, values up to it background (Eqs 2.11 and 2.12).
+    Values above it are foreground, values up to it background (Eqs 2.11 and 2.12). `Otsu` and
+    `flame_mask` use it.
 
     Parameters
     ----------
@@ -94,7 +97,8 @@ def _rounded(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _criterion(counts: Integers) -> Array:
     """Return the share eta(k) of the variance between the classes (Eqs 2.19, 2.20).
 
-    ``counts`` (L,) is the histogram of grey levels; there is one value for each level but the last.
+    ``counts`` (L,) is the histogram of grey levels; the first and the last must not be 0. There
+    is one value for each level k but the last, (L - 1,).
     """
     level = np.arange(len(counts), dtype=np.float64)
     p = counts / counts.sum()
@@ -121,8 +125,10 @@ class Otsu:
         Parameters
         ----------
         foreground
-            (rows, cols) 16-bit grey values, or floats, which are rounded. A polygon has no effect,
-            since the threshold depends on every pixel.
+            (rows, cols) grey values: integers that span up to 16 bits, or floats, which are
+            rounded.
+        _within
+            Accepted as by `DoG` and ignored: the threshold depends on every pixel.
 
         Returns
         -------
@@ -150,14 +156,22 @@ class Otsu:
 
 
 def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
-    """Return the flame's pixels (rows, cols): those above Otsu's threshold of a rectangle.
+    """Return which pixels (rows, cols) are above Otsu's threshold of a rectangle.
+
+    These are the pixels of the burner's flame (Fig. 3.4), which detection leaves out. Pixels beyond
+    the rectangle are False.
 
     Parameters
     ----------
     gray
-        (rows, cols), one frame.
+        (rows, cols), grey values of one frame.
     rectangle
-        First row, row after the last, first column, column after the last.
+        First row, row after the last, first column, column after the last, in px.
+
+    Raises
+    ------
+    InputError
+        If the rectangle is empty or not inside the image.
 
     Notes
     -----

@@ -26,15 +26,15 @@ _ROUNDING = 0.5  # grey values; the least noise, left by rounding to whole ones
 
 
 def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
-    """Return row, column and prominence (k, 3) of the peaks in a rectangle, the highest first.
+    """Return row, column and prominence (k, 3) of an area's peaks, highest first.
 
     Parameters
     ----------
     image
-        (rows, cols), smoothed against noise.
+        (rows, cols) grey values, smoothed against noise.
     area
-        (4,) first row, row after the last, first column, column after the last; clipped to
-        the image.
+        (4,) first row, row after the last, first column, column after the last, in px;
+        clipped to the image.
     prominence
         Grey values by which a peak must stand out; above 0.
 
@@ -49,12 +49,18 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
 
 
 def have_peaks(image: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each of several areas (n, 4) holds a peak; see `find_peaks`."""
+    """Return whether each area (n, 4) holds a peak of `find_peaks`, (n,).
+
+    The columns of ``areas`` and the unit of ``prominence`` are the same as there.
+    """
     return np.array([_has_peak(_part(image, area), prominence) for area in areas], dtype=bool)
 
 
 def _part(image: Single, area: Integers) -> Single:
-    """Return a copy of an area of the image, empty if it can hold no peak."""
+    """Return a copy (rows, cols) of an area (4,) of the image.
+
+    It is empty where there can be no peak: without inner pixels or above `LARGEST_AREA_PX`.
+    """
     top, bottom, left, right = np.maximum(area, 0).tolist()
     part = image[top:bottom, left:right]
     return part[:0] if min(part.shape) < 3 or part.size > LARGEST_AREA_PX else part.copy()
@@ -62,16 +68,18 @@ def _part(image: Single, area: Integers) -> Single:
 
 @numba.njit(cache=True)
 def _area_peaks(area: Single, prominence: float) -> Array:
-    """Return the peaks (k, 3) of an area.
+    """Return row, column and prominence (k, 3) of an area's peaks, the highest first.
 
-    Pixels emerge from high to low, as water falls, and join their neighbours.
+    The area (rows, cols) holds grey values; rows and columns count from its corner. Pixels are
+    added from high to low, each to the hills of its neighbours. Where two hills meet, the
+    prominence of the lower summit is its height above that pixel.
     """
     height, width = area.shape
     value = area.copy().reshape(-1)
     if not area.size or value.max() - min(value.min(), _border_median(area)) < prominence:
         return np.empty((0, 3))  # nothing can stand out so far
     order = np.argsort(-value, kind="mergesort")
-    parent = np.full(area.size, -1)  # -1: still under water
+    parent = np.full(area.size, -1)  # of the hills, as disjoint sets; -1: not yet added
     summit, height_above = np.arange(area.size), np.zeros(area.size)
     for pixel in order:
         row, col = pixel // width, pixel % width
@@ -114,7 +122,10 @@ def _border_median(area: Single) -> float:
 
 @numba.njit(cache=True)
 def _has_peak(area: Single, prominence: float) -> bool:
-    """Return whether an area has a peak, without sorting its pixels, which is faster."""
+    """Return whether an area (rows, cols) has a peak, as `_area_peaks` would find.
+
+    Pixels are not sorted, which is faster; ``prominence`` is in grey values.
+    """
     if not area.size:
         return False
     least, highest = _extremes(area)
@@ -142,7 +153,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _extremes(area: Single) -> tuple[float, Single]:
-    """Return the lowest value of all, and the highest of each row."""
+    """Return the lowest value of an area (rows, cols) and the highest of each row."""
     least, highest = area[0, 0], area[:, 0].copy()
     for row in range(area.shape[0]):
         line, low, high = area[row], area[row, 0], area[row, 0]
@@ -156,10 +167,12 @@ def _extremes(area: Single) -> tuple[float, Single]:
 def _stands_out(
     area: Single, place: tuple[int, int], prominence: float, visited: Whole, stack: Whole
 ) -> bool:
-    """Return whether no higher pixel can be reached without a descent by the prominence.
+    """Return whether no higher pixel can be reached from ``place`` without a descent.
 
-    An equal pixel that comes first counts as higher. ``visited`` (as the area) holds for which
-    pixel each was visited last; ``stack`` has room for all.
+    ``place`` is row and column in the area (rows, cols); a descent is one by the prominence or
+    more. An equal pixel that comes first counts as higher. ``visited`` (rows, cols) and ``stack``
+    (pixels, 2) are scratch memory. Before the first call ``visited`` is 0; a pixel then holds the
+    number of the place that visited it last.
     """
     row, col = place
     value, mark = area[row, col], row * area.shape[1] + col
@@ -182,19 +195,25 @@ def _stands_out(
 
 
 def smoothed(image: Integers) -> Single:
-    """Return a picture blurred by a Gaussian of `SMOOTHING_PX`, cut at four of them."""
+    """Return a picture (rows, cols) blurred by a Gaussian, float32.
+
+    Its standard deviation is `SMOOTHING_PX`; the kernel ends at four of them.
+    """
     picture, side = image.astype(np.float32), 2 * round(4 * SMOOTHING_PX) + 1
     return np.asarray(cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture))
 
 
 class Smoother:
-    """Smooth frames; the last two are kept, as each frame is once the previous one."""
+    """Smooth frames and keep the last two, as each frame is next the previous one.
+
+    A frame is recognised by identity, so its array must not be changed afterwards.
+    """
 
     def __init__(self) -> None:
         self._recent: list[tuple[Integers, Single]] = []
 
     def __call__(self, image: Integers) -> Single:
-        """Return `smoothed` of a frame; do not write into either."""
+        """Return a frame (rows, cols) as `smoothed`; the result must not be changed."""
         for frame, picture in self._recent:
             if frame is image:
                 return picture
@@ -203,13 +222,16 @@ class Smoother:
 
 
 class Evidence(NamedTuple):
-    """Smoothed pictures of a frame, and the thresholds of their peaks."""
+    """Smoothed pictures of a frame, and the thresholds of their peaks.
+
+    The five cases of `kilnflight.detection.combination` are decided by them (chapter 3.1).
+    """
 
     gray: Single  # (rows, cols), smoothed
-    change: Single  # (rows, cols), absolute difference to the frame before, smoothed
-    threshold: float  # grey values by which a peak stands out in `gray`
-    change_threshold: float  # and in `change`
-    share: float  # of the highest peak, for the second
+    change: Single  # (rows, cols), absolute difference of the smoothed frame and the one before
+    threshold: float  # least prominence of a peak in `gray`, grey values
+    change_threshold: float  # least prominence of a peak in `change`, grey values
+    share: float  # least prominence of further peaks of an area, as a share of the highest one's
 
     @classmethod
     def of(
@@ -227,17 +249,18 @@ class Evidence(NamedTuple):
         gray, previous
             (rows, cols) of the frame and of the one before.
         prominence
-            Multiple of the noise by which a peak must stand out.
+            Least prominence of a peak, as a multiple of the noise.
         share
-            Share of the highest peak of an area by which a second one must stand out.
+            Least prominence of further peaks of an area, as a share of the highest one's.
         smooth
-            Smooths both; a `Smoother` remembers the frame before.
+            Function that smooths either; a `Smoother` remembers the frame before.
 
         Notes
         -----
         Noise is the median absolute deviation of the smoothed difference of the two frames,
-        times 1.4826. That of one frame is smaller by the square root of 2. The difference is
-        smoothed before its absolute value is taken, so that noise averages out.
+        times 1.4826: the standard deviation of a normal distribution. That of one frame is smaller
+        by the square root of 2. The difference is smoothed before its absolute value is taken, so
+        that noise averages out.
         """
         before, now = smooth(previous), smooth(gray)
         flat = slice(None, None, max(now.size // _SAMPLES, 1) | 1)  # odd: no column twice
@@ -248,16 +271,22 @@ class Evidence(NamedTuple):
         return cls(now, change, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: Integers) -> Array:
-        """Return the peaks (k, 3) of an area (4,), the highest first."""
+        """Return the peaks (k, 3) of ``gray`` in an area (4,), as `find_peaks` does.
+
+        Peaks below ``share`` of the largest prominence are left out.
+        """
         peaks = find_peaks(self.gray, area, self.threshold)
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
-        """Return whether each area (n, 4) has changed; only such an area can be `real`."""
+        """Return whether ``change`` has a peak in each area (n, 4): `real` needs one."""
         return have_peaks(self.change, areas, self.change_threshold)
 
     def real(self, area: Integers) -> bool:
-        """Return whether an area (4,) has changed and has a peak or trough."""
+        """Return whether an area (4,) holds a particle (cases 4 and 5 of chapter 3.1).
+
+        It must have a peak in ``change``, and a peak or a trough in ``gray``.
+        """
         if not self.moved(area[None])[0]:
             return False
         part = _part(self.gray, area)

@@ -150,7 +150,7 @@ def _root(parents: Any, member: int) -> int:
 
 @njit(cache=True)
 def _unite(parents: Any, member: int, other: int) -> bool:
-    """Join the sets of two members under the lower root; return whether they differed.
+    """Join two members' sets under the lower root; return whether they differed.
 
     ``parents`` (n,) is that of `_root`.
     """
@@ -182,7 +182,7 @@ def _centers(neighbors: Any, sparsity: Any) -> Any:
 
 @njit(cache=True)
 def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
-    """Write the different clusters of a linked list into ``members``; return how many.
+    """Write the different clusters of a list into ``members``; return how many.
 
     The list begins at row ``entry`` of ``chains`` (-1: empty); `_spread` describes it. ``clusters``
     (n,) are the parents of merged clusters, see `_root`.
@@ -199,10 +199,11 @@ def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
 
 @njit(cache=True)
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
-    """Count a point that clusters share, and merge those above ``alpha``; return whether any did.
+    """Count a point for each pair of its clusters; return whether a pair was merged.
 
-    ``members`` (c,) are the clusters of the point, ``clusters`` (n,) the parents of merged ones.
-    ``shared`` maps a pair, lower cluster times n plus the higher, to its number of shared points.
+    A pair is merged if it shares more than ``alpha`` times ``k`` points (Eq. 2.41). ``members``
+    (c,) are the clusters of the point, ``clusters`` (n,) the parents of merged ones. ``shared``
+    maps a pair, lower cluster times n plus the higher, to its number of shared points.
     """
     merged = False
     for i in range(len(members)):
@@ -217,7 +218,7 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
 
 @njit(cache=True)
 def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
-    """Return the clusters that reach each group, as linked lists ``heads`` and ``chains``.
+    """Return the clusters that reach each group, as linked lists.
 
     ``heads`` (n,) is the first row in ``chains`` of the list of each group (-1: none). A row of
     ``chains`` is a cluster, by the index of its centre, and the next row of the same list.

@@ -46,7 +46,7 @@ def _taps(sigma: float) -> Single:
 
 
 def _positive(inner: Single, outer: Single) -> tuple[int, float]:
-    """Return radius in px and sum of the positive weights of a difference of Gaussians.
+    """Return radius (px) and sum of a difference of Gaussians' positive weights.
 
     ``inner`` and ``outer`` are `_taps`, (1 + r,) each; the weights are those of inner - outer in
     2D. `_reachable` bounds the difference by them.
@@ -129,11 +129,11 @@ class DoG:
         return self.graded(foreground, within)[:, :3]
 
     def graded(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
-        """Return row, col, radius (px) and largest threshold (grey values) of particles, (n, 4).
+        """Return row, col, radius and largest threshold (n, 4) of each particle.
 
-        A particle is found at every threshold up to its largest one. So the rows with at least a
-        higher threshold are what a detector with that threshold finds, bit for bit. One call
-        serves a table of thresholds (Table 5.6).
+        Lengths are in px, thresholds in grey values. A particle is found at every threshold up to
+        its largest one. So the rows with at least a higher threshold are what a detector with that
+        threshold finds, bit for bit. One call serves a table of thresholds (Table 5.6).
 
         Parameters
         ----------
@@ -176,14 +176,14 @@ class DoG:
 
 
 def _mirrored(image: Single) -> Single:
-    """Return the image (rows, cols) with `_MARGIN` mirrored px on every side, float32."""
+    """Return the image (rows, cols) with `_MARGIN` mirrored px on every side."""
     border = cv2.copyMakeBorder(image, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_REFLECT_101)
     return np.asarray(border, np.float32)
 
 
 @njit(cache=True)
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
-    """Write a line, blurred along one axis of an image, into ``target`` (size,), float32.
+    """Write a line, blurred along one axis of an image, into ``target`` (size,).
 
     A line is ``size`` consecutive elements of ``source`` (n,): an image, row after row, float32.
     Lines j px before and after it begin at the elements ``low[j]`` and ``high[j]``, (1 + r,) each;
@@ -230,7 +230,7 @@ def _blur(padded: Any, weights: Any, step: int) -> Any:
 
 @njit(cache=True)
 def _differences(padded: Any, box: _Box, kernels: Any) -> Any:
-    """Return the differences of Gaussians (kernels - 1, rows, cols) in a box of an image.
+    """Return the differences of Gaussians (kernels - 1, rows, cols) in a box.
 
     Float32, in grey values; narrow minus wide, so bright blobs are positive. ``box`` is in px of
     the ``padded`` image and at least the largest r from its border. ``kernels`` are `_taps`,
@@ -322,11 +322,11 @@ def _keypoints(stack: Any, visit: _Box, threshold: float) -> Any:
     """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
     The stack (layers, rows, cols) holds differences of Gaussians of one box. A quadratic is fitted
-    at each maximum. Columns: layer, row, col of the sample; offset of the quadratic's extremum
-    from it along the same axes, in samples; and the largest threshold, in grey values, at which
-    the maximum still gives this keypoint. The fit moves by one pixel at a time; its layer stays.
-    ``visit`` are the rows and columns of the stack that it may reach, half open. Compiled: most
-    boxes hold one maximum or none, too few for numpy.
+    at each maximum. Columns: layer, row, col of the sample; offset of the quadratic's extremum from
+    it along the same axes, in samples; largest threshold. That is the largest one, in grey values,
+    at which the maximum still gives this keypoint. The fit moves by one pixel at a time; its layer
+    stays. ``visit`` are the rows and columns of the stack that it may reach, half open. Compiled:
+    most boxes hold one maximum or none, too few for numpy.
     """
     places = _maxima(stack, threshold / 2)
     points, count = np.empty((len(places), 7)), 0
@@ -389,9 +389,10 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
 
 @njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _block_ranges(image: Any) -> Any:
-    """Return the smallest and the largest value of each block, (2, block rows, block cols).
+    """Return the extreme values of each block, (2, block rows, block cols).
 
-    A block is `_BLOCK` px wide and high, cut at the border of the image (rows, cols).
+    The smallest are first. A block is `_BLOCK` px wide and high, cut at the border of the image
+    (rows, cols).
     """
     rows, cols = image.shape
     out = np.empty((2, -(-rows // _BLOCK), -(-cols // _BLOCK)), np.float32)
@@ -431,7 +432,7 @@ def _reachable(image: Single, level: float) -> Flags:
 
 
 def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
-    """Return whether each block, of ``shape``, lies in a polygon or within two blocks of it.
+    """Return whether each block, of ``shape``, is in a polygon or two blocks from it.
 
     Corners (row, col) of the polygon and the ``side`` of a block are in px of the image at full
     size. Two blocks are more than a fit may move and rounding may shift.

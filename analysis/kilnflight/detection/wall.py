@@ -34,20 +34,20 @@ _SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder without ends, with the quality of its fit or None.
+    """An infinite cylinder, the kiln's wall, with the quality of its fit.
 
     Parameters
     ----------
     centre_mm
-        Point of the axis; of a fit, the middle of the inliers along it.
+        Point x, y, z of the axis; of a fit, the middle of the inliers along it.
     direction
-        Of the axis; any length but 0.
+        Direction of the axis; any length but 0.
     radius_mm
-        Of the wall.
+        Distance of the wall from the axis.
     inliers
-        Points within `MAX_DISTANCE_MM`.
+        Number of fitted points within `MAX_DISTANCE_MM` of the wall; None: not fitted.
     rms_mm
-        Root mean square distance of the inliers from the wall.
+        Root mean square distance of the inliers from the wall; None: not fitted.
     """
 
     centre_mm: tuple[float, float, float]
@@ -58,14 +58,19 @@ class Cylinder:
 
 
 def fit_cylinder(points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
-    """Fit a cylinder along z to the wall's cluster (n, 3) in mm by MLESAC (section 3.2).
+    """Fit a cylinder along z to the wall's cluster by MLESAC (section 3.2).
 
     Parameters
     ----------
     points_mm
         (n, 3) x, y, z of the cluster; other points may be among them.
     seed
-        Of the trials; the same seed gives the same cylinder.
+        Seed of the trials; the same one gives the same cylinder.
+
+    Returns
+    -------
+    Cylinder
+        With a unit direction, along +z, and the quality of the fit.
 
     Raises
     ------
@@ -127,10 +132,13 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
 def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
     """Return the distance in mm at which the Gaussians of two sets cross.
 
+    It is the threshold between particles in the air and on the wall (section 3.2, Fig. 3.11).
+
     Parameters
     ----------
     in_air_mm, wall_mm
-        Distances from the axis of particles in the air and on the wall; two or more each.
+        Distances from the axis, (n,) and (m,), of particles in the air and on the wall; two or
+        more each.
 
     Raises
     ------
@@ -177,7 +185,7 @@ class InAir:
         check_number(self.threshold_mm, "InAir: threshold_mm", above=0)
 
     def __call__(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
-        """Return whether each point (n, 3) is within the threshold.
+        """Return whether each point (n, 3), in mm, is within the threshold, (n,).
 
         A row of three NaN is a detection without 3D. The thesis classifies "only particles
         with 3D information"; such a row is False here and in `on_wall`.
@@ -185,12 +193,12 @@ class InAir:
         return _known_distance(points_mm, cylinder) <= self.threshold_mm
 
     def on_wall(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
-        """Return whether each point (n, 3) is beyond the threshold."""
+        """Return whether each point (n, 3), in mm, is beyond the threshold, (n,)."""
         return _known_distance(points_mm, cylinder) > self.threshold_mm
 
 
 def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
-    """Return the distance (n,) of points (n, 3), NaN where unknown."""
+    """Return the distance (n,) in mm of points (n, 3) from the axis; NaN if unknown."""
     points = np.asarray(points_mm, dtype=np.float64)
     points = points if points.size else points.reshape(0, 3)
     check_shape(points, (None, 3), "InAir: points_mm")
@@ -201,13 +209,21 @@ def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
 
 
 def _residuals(points: Array, centre: Array, direction: Array, radius: float) -> Array:
-    """Return the signed distances (n,) from the surface, outside positive."""
+    """Return the signed distances (n,) of points (n, 3) from a cylinder.
+
+    Outside they are positive. All lengths are in mm; ``centre`` (3,) is on the axis and
+    ``direction`` (3,) is a unit vector.
+    """
     side = np.cross(points - centre, direction)
     return np.asarray(np.linalg.norm(side, axis=1) - radius)
 
 
 def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array, float] | None:
-    """Return centre, direction and radius of the most likely trial, or None."""
+    """Return centre (3,), direction (3,) and radius of the most likely trial, in mm.
+
+    ``points`` are (n, 3) in mm. A trial is one of `TRIALS` drawn directions with the circle through
+    three drawn points. None if no trial has a usable radius.
+    """
     middle = np.median(points, axis=0)
     local = points - middle
     # Outliers are as likely anywhere across the cloud; far ones must not widen it.
@@ -236,16 +252,17 @@ def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array
 
 
 def _draw_directions(generator: np.random.Generator) -> Array:
-    """Return unit vectors (TRIALS, 3) drawn evenly from the cone round z."""
+    """Return unit vectors (TRIALS, 3), even over the cone of `MAX_ANGLE_DEG` round z."""
     cosine = 1 - generator.random(TRIALS) * (1 - np.cos(_WIDEST))
     turn, sine = generator.uniform(0, 2 * np.pi, TRIALS), np.sqrt(1 - cosine**2)
     return np.column_stack([-sine * np.sin(turn), sine * np.cos(turn), cosine])
 
 
 def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
-    """Return centres (n, 3) and radii (n,) of circles through triples.
+    """Return centres (n, 3) and radii (n,) in mm of circles through triples.
 
-    The triples (n, 3, 3) are seen along the directions (n, 3); those in line have no radius (NaN).
+    The triples (n, 3, 3) are projected along the directions (n, 3), unit vectors, onto a plane
+    through the origin. Triples in line have no circle (NaN).
     """
     heights = np.einsum("nki,ni->nk", triples, directions)
     flat = triples - heights[:, :, None] * directions[:, None]
@@ -261,11 +278,22 @@ def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
 def likelihood(
     points: Array, centres: Array, directions: Array, radii: Array, width: float
 ) -> tuple[Array, Array]:
-    """Return negative log likelihood and mixing (m,) of each cylinder.
+    """Return negative log likelihood and share of inliers (m,) of m cylinders.
 
-    A distance is Gaussian with the probability of the mixing coefficient, else even over
-    ``width``. The coefficient is estimated by EM from 1/2 (Torr and Zisserman, Eqs 17, 18 and
-    their algorithm).
+    Parameters
+    ----------
+    points
+        (n, 3) mm.
+    centres, directions, radii
+        (m, 3) in mm, (m, 3) unit vectors and (m,) in mm.
+    width
+        Length in mm over which the distances of outliers are uniform.
+
+    Notes
+    -----
+    The distance of an inlier from the wall is Gaussian. The share of inliers is the mixing
+    coefficient of both, estimated by EM from 1/2 (Torr and Zisserman, Eqs 17, 18 and their
+    algorithm).
     """
     costs, mixings = np.empty(len(radii)), np.full(len(radii), 0.5)
     for trial, cylinder in enumerate(zip(centres, directions, radii, strict=True)):
@@ -282,13 +310,15 @@ def likelihood(
 def _refine(
     points: Array, centre: Array, direction: Array, radius: float
 ) -> tuple[Array, Array, float]:
-    """Return the cylinder fitted to its inliers by least squares (soft L1).
+    """Return centre (3,), direction (3,) and radius fitted to the inliers.
 
-    The inliers are chosen anew until axis and radius stay. A single round would depend on the
-    trial, on a short arc by some centimetres of the radius.
+    The fit is least squares with soft L1. ``points`` are (n, 3) in mm; the start is a trial of
+    `_search`. The inliers are chosen anew until axis and radius stay. A single round would depend
+    on the trial, on a short arc by some centimetres of the radius.
     """
     widest = np.tan(_WIDEST)
 
+    # The five unknowns: tilt of the axis (2), its offset across z (2) and radius, both in radii.
     def cylinder(unknown: Array) -> tuple[Array, Array, float]:
         # A smooth map of the whole plane into the cone: no bounds are needed.
         tilt = widest * unknown[:2] / np.sqrt(1 + unknown[:2] @ unknown[:2])
