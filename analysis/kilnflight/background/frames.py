@@ -23,7 +23,10 @@ class Frames(Protocol):
 
 
 def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
-    """Return frame numbers as ints, or raise an `InputError`."""
+    """Return frame numbers as ints, in order, or raise an `InputError`.
+
+    Numbers are whole and from 0 to ``length`` - 1.
+    """
     try:
         numbers = tuple(operator.index(index) for index in indices)
     except TypeError as error:
@@ -37,10 +40,11 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
 
 
 def surrounding(index: int, window: int, length: int) -> range:
-    """Return a frame with the ``window`` frames nearest to it in time.
+    """Return the numbers of a frame and of the ``window`` frames nearest in time.
 
-    As many are before as after (of an odd window, one more before). At the ends of the recording
-    the window is shifted to stay inside. A shorter recording gives all its frames.
+    ``index`` is the frame's number, ``length`` the frames of the recording. As many are before as
+    after (of an odd window, one more before). At the ends of the recording the window is shifted to
+    stay inside. A shorter recording gives all its frames.
 
     Examples
     --------
@@ -55,7 +59,10 @@ def surrounding(index: int, window: int, length: int) -> range:
 
 
 class HeldFrames:
-    """Frames in use, each read from its stack once; arrays that may change are copied.
+    """Frames in use, each read from its stack once.
+
+    An array that its owner may change is copied. ``shape`` and ``kind``, the type, are those of the
+    first frame read.
 
     Parameters
     ----------
@@ -78,7 +85,7 @@ class HeldFrames:
         return np.result_type(self.kind, np.float32)
 
     def fetch(self, indices: Sequence[int]) -> None:
-        """Read these frames unless they are held."""
+        """Read these frames unless they are held; there are at most ``capacity``."""
         low, high = min(indices), max(indices)
         for index in indices:
             if index not in self._images:
@@ -92,6 +99,7 @@ class HeldFrames:
         return self._images[index]
 
     def _read(self, index: int) -> npt.NDArray[Any]:
+        """Return a frame (rows, cols) of the stack, checked, in the machine's byte order."""
         image = np.asarray(self._frames[index])
         kind = image.dtype.newbyteorder("=")
         if image.ndim != 2 or not image.size or kind.str[1:] not in GRAY_TYPES:

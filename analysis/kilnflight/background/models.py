@@ -24,7 +24,10 @@ _Image = npt.NDArray[Any]
 
 
 def _difference(frame: _Image, background: _Image, signed: bool = False) -> Single:
-    """Return the absolute difference, or the positive part of the signed one."""
+    """Return the absolute difference of two images (rows, cols), float32.
+
+    ``signed``: the positive part of frame minus background instead.
+    """
     kind = np.result_type(frame, background, np.float32)  # exact for both
     image, behind = frame.astype(kind, copy=False), background.astype(kind, copy=False)
     apart = np.maximum(image - behind, 0) if signed else cv2.absdiff(image, behind)
@@ -32,9 +35,9 @@ def _difference(frame: _Image, background: _Image, signed: bool = False) -> Sing
 
 
 def _partner(index: int, step: int, length: int) -> int:
-    """Return the frame ``step`` frames away, or as far the other way.
+    """Return the number of the frame ``step`` frames away, or as far the other way.
 
-    If neither is in the recording, return the farther end.
+    If neither is in the recording of ``length`` frames, return its farther end.
     """
     for candidate in (index + step, index - step):
         if 0 <= candidate < length:
@@ -49,7 +52,7 @@ class TwoFrame:
     Parameters
     ----------
     interval
-        Frames, i of Eqs 2.5 and 2.6.
+        Frames from a frame to the one compared, i of Eqs 2.5 and 2.6.
 
     Notes
     -----
@@ -64,11 +67,16 @@ class TwoFrame:
         check_number(self.interval, f"{type(self).__name__}: interval", least=1, whole=True)
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
-        """Yield each requested frame's foreground; see `Mean` for its arguments."""
+        """Yield the foreground of each requested frame, (rows, cols) float32.
+
+        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame numbers from
+        0, in any order.
+        """
         held = HeldFrames(frames, 2 * self.interval + 1)
         return (self._foreground(held, t) for t in check_indices(indices, held.length))
 
     def _foreground(self, held: HeldFrames, t: int) -> Single:
+        """Return the mean difference (rows, cols) of frame t from the frames of `_sides`."""
         beside = [_partner(t, side * self.interval, held.length) for side in self._sides]
         held.fetch([t, *beside])
         total = sum(_difference(held[t], held[other]) for other in beside)
@@ -128,16 +136,17 @@ class WindowModel(ABC):
         return (_difference(held[t], image, self.signed) for t, image in backgrounds)
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
-        """Yield the background of each requested frame, (rows, cols)."""
+        """Yield the background (rows, cols) of each requested frame, as in Fig. 5.2."""
         return (image.copy() for _, image in self._prepared(frames, indices)[1])
 
     def _prepared(self, frames: Frames, indices: Iterable[int]) -> tuple[HeldFrames, Backgrounds]:
+        """Return the frames that are held, and each frame number with its background."""
         held = HeldFrames(frames, self.window + self._room)
         return held, self._backgrounds(held, check_indices(indices, held.length))
 
     @abstractmethod
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
-        """Yield each index with its background, valid until the next."""
+        """Yield each frame number with its background (rows, cols), valid until the next."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +170,7 @@ class Mean(WindowModel):
 
 
 def _mean(held: HeldFrames, t: int, window: int) -> _Image:
-    """Return the mean of the frames around frame t."""
+    """Return the mean (rows, cols) of the frames around frame t, without itself."""
     around = surrounding(t, window, held.length)
     held.fetch(around)
     total = np.zeros(held.shape)  # of differences: a still recording equals its mean
@@ -223,7 +232,10 @@ class Adaptive(WindowModel):
         return ((t, self._learn(held, t, _mean(held, t, self.window))) for t in indices)
 
     def _learn(self, held: HeldFrames, t: int, mean: _Image) -> _Image:
-        """Return the background by Eq. 2.8 over frame t and those before."""
+        """Return the background (rows, cols) by Eq. 2.8 over frame t and those before.
+
+        ``mean`` (rows, cols) is the background of the start, Eq. 2.7.
+        """
         past = range(max(t - self.window // 2, 0), t + 1)
         held.fetch(past)
         excess = np.subtract(mean, held[t], dtype=np.float64)
@@ -270,11 +282,15 @@ class RunningGaussian:
         check_number(self.k, "RunningGaussian: k", least=0)
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
-        """Yield each requested frame's foreground; see `Mean` for its arguments."""
+        """Yield the foreground of each requested frame, (rows, cols) float32.
+
+        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame numbers from
+        0, in any order.
+        """
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
-        """Yield the average of each requested frame, (rows, cols)."""
+        """Yield the running average (rows, cols) of each requested frame, as in Fig. 5.2."""
         return (mean for mean, _ in self._averaged(frames, indices))
 
     def _averaged(self, frames: Frames, indices: Iterable[int]) -> Iterator[tuple[_Image, Single]]:
@@ -282,7 +298,7 @@ class RunningGaussian:
         return (self._average(held, t) for t in check_indices(indices, held.length))
 
     def _average(self, held: HeldFrames, t: int) -> tuple[_Image, Single]:
-        """Return mean and foreground of frame t by Eqs 2.9 and 2.10."""
+        """Return mean and foreground (rows, cols) of frame t by Eqs 2.9 and 2.10."""
         first, *past = range(max(t - self.window + 1, 0), t + 1)
         held.fetch(range(first, t + 1))
         mean, variance, deviation = (np.zeros(held.shape) for _ in range(3))

@@ -27,32 +27,34 @@ MEDIAN_CHUNK = 32  # frames; longer saves little time and holds one more frame e
 _BAND = 32_768  # pixels of all frames that are copied side by side
 _TILE = 2048  # pixels; some 125 slots of 16 bit fill a second-level cache of 512 KiB
 _LOAD, _COMPARE, _EMIT = range(3)
-_Step = tuple[int, int, int, int]  # two values, their minimum and maximum (or `_UNUSED`)
+# Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.
+_Step = tuple[int, int, int, int]
 _UNUSED = -1  # also the last row of the scratch memory, for values that are not read again
 
 
 @dataclass
 class _Network:
-    """Comparisons that sort the frames of a chunk.
+    """Comparisons that find the middle ranks of all windows of a chunk, at one pixel.
 
-    Value i below ``inputs`` is frame i of the chunk.
+    Values are numbered: value i below ``inputs`` is the pixel in frame i of the chunk, later ones
+    are results of comparisons. A list of values is sorted, the smallest first.
     """
 
     size: int  # frames per window
-    ranks: tuple[int, ...]
-    inputs: int
-    steps: list[_Step] = field(default_factory=list)
-    runs: dict[range, list[int]] = field(default_factory=dict)
-    outputs: dict[int, list[int]] = field(default_factory=dict)  # by start of the window
+    ranks: tuple[int, ...]  # of a window that are wanted, ascending from 0
+    inputs: int  # frames of the chunk
+    steps: list[_Step] = field(default_factory=list)  # comparisons, in order
+    runs: dict[range, list[int]] = field(default_factory=dict)  # frames -> their sorted values
+    outputs: dict[int, list[int]] = field(default_factory=dict)  # window's first frame -> `ranks`
 
     def compare(self, a: int, b: int) -> list[int]:
-        """Return the values of the minimum and the maximum."""
+        """Add a comparison; return the numbers of its minimum and its maximum."""
         low = self.inputs + 2 * len(self.steps)
         self.steps.append((a, b, low, low + 1))
         return [low, low + 1]
 
     def merge(self, first: list[int], second: list[int]) -> list[int]:
-        """Merge two sorted lists (odd-even merge; Knuth, TAOCP 3, 5.3.4)."""
+        """Return two sorted lists as one (odd-even merge; Knuth, TAOCP 3, 5.3.4)."""
         if not first or not second:
             return first + second
         if len(first) == len(second) == 1:
@@ -66,7 +68,7 @@ class _Network:
         return merged + odd[pairs:] + even[pairs + 1 :]
 
     def run(self, frames: range) -> list[int]:
-        """Return consecutive frames, sorted once for all windows."""
+        """Return the values of consecutive frames, sorted once for all windows."""
         if len(frames) <= 1:
             return list(frames)
         if frames not in self.runs:
@@ -75,10 +77,10 @@ class _Network:
         return self.runs[frames]
 
     def select(self, starts: list[int], values: list[int], base: int, known: range) -> None:
-        """Split windows that share the frames ``known``.
+        """Find the outputs of the windows that begin at ``starts``, by halving them.
 
-        Their ``values`` are the ranks from ``base`` on. Only ranks are kept that the frames still
-        to come can move onto a middle rank.
+        All of them contain the frames ``known``. ``values`` are the sorted values of these frames,
+        from rank ``base`` on: only ranks that may become a middle rank of some window.
         """
         if len(starts) == 1:
             self.outputs[starts[0]] = [values[rank - base] for rank in self.ranks]
@@ -92,13 +94,17 @@ class _Network:
             self.select(part, *self.kept(grown, base, shared), shared)
 
     def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
-        """Return the ranks that can become a middle rank, and the first."""
+        """Return the values that can become a middle rank, and the rank of the first.
+
+        ``values`` are the sorted ones of the frames ``known``, from rank ``base`` on. The other
+        frames of a window can only raise the rank of a value.
+        """
         first = max(self.ranks[0] - self.size + len(known), 0)
         last = min(self.ranks[-1], len(known) - 1)
         return values[first - base : last + 1 - base], first
 
     def needed(self) -> list[_Step]:
-        """Return the comparisons that outputs need, unused results as _UNUSED."""
+        """Return the comparisons that outputs need, results without use as `_UNUSED`."""
         used = {value for output in self.outputs.values() for value in output}
         steps = []
         for a, b, low, high in reversed(self.steps):
@@ -112,24 +118,26 @@ class _Network:
 
 @lru_cache(maxsize=64)
 def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.NDArray[np.int32]:
-    """Return the steps that emit four ranks of every window, a row each.
+    """Return the program (n, 6) that emits four ranks of every window.
+
+    Each row is a step.
 
     Parameters
     ----------
     size
         Frames per window.
     ranks
-        Ascending, counted from 0.
+        The four ranks, ascending, counted from 0; they may repeat.
     starts
-        First frame of the window of each output, counted from the first frame of all; in
-        any order, windows may occur more than once.
+        First frame of each output's window, counted from the first frame of the chunk. Windows may
+        be in any order and repeat.
 
     Notes
     -----
-    Columns by kind of step: _LOAD frame, slot; _COMPARE a, b, slot of the minimum, slot of
-    the maximum (an unused one: _UNUSED); _EMIT output, then the slots of the ranks. Frames are
-    loaded late, outputs emitted early, slots used again. A step never writes a slot that it
-    reads.
+    A slot is a row of scratch memory. Columns by kind of step: `_LOAD`, frame, slot; `_COMPARE`,
+    two slots, slot of the minimum, slot of the maximum (`_UNUSED`: not read); `_EMIT`, output,
+    slots of the ranks. `_UNUSED` fills a row. To use few slots, frames are loaded late, outputs
+    emitted early, and slots used again. A step never writes a slot that it reads.
     """
     distinct = sorted(set(starts))
     network = _Network(size, ranks, distinct[-1] + size)
@@ -180,9 +188,11 @@ def _compare(a: Any, b: Any, low: Any, high: Any) -> None:
 
 @njit(cache=True)
 def _middle(ranks: Any, frame: Any, out: Any) -> None:
-    """Write the median without the frame itself.
+    """Write into ``out`` (p,) the median of a window without the frame itself.
 
-    Leaving out its value moves the ranks above it by one.
+    ``ranks`` are four arrays (p,): the window's values at the two middle ranks of the others, each
+    followed by the next higher value. ``frame`` (p,) is the frame. Leaving out its value moves the
+    ranks above it by one.
     """
     low, above_low, high, above_high = ranks
     for p in range(out.size):
@@ -194,9 +204,12 @@ def _middle(ranks: Any, frame: Any, out: Any) -> None:
 
 @njit(cache=True)
 def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any) -> None:
-    """Run the program tile by tile on a band of pixels, which begins at ``start``.
+    """Run a program on a band of p pixels and write the medians into ``out``.
 
-    ``frames`` are rows of ``pixels``.
+    ``table`` (n, 6) is from `_program`, and ``scratch`` has a row more than slots. ``pixels`` (f,
+    p) is the band in the f frames of the chunk. ``frames`` (outputs,) are the rows of ``pixels``
+    whose medians are wanted. The band begins at pixel ``start`` of ``out`` (outputs, all pixels).
+    Tiles keep the scratch memory in the processor's cache.
     """
     tile = scratch.shape[1]
     for first in range(0, pixels.shape[1], tile):
@@ -213,7 +226,7 @@ def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
-    """Yield the indices in groups whose windows start within a chunk."""
+    """Yield groups of up to `MEDIAN_CHUNK` indices whose windows start that close."""
     chunk: list[int] = []
     for index in indices:
         starts = [surrounding(other, window, length).start for other in (*chunk, index)]
@@ -226,11 +239,11 @@ def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[i
 
 
 def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Backgrounds:
-    """Yield each index with the median of the frames around it, (rows, cols).
+    """Yield each frame number with the median of the frames around it, (rows, cols).
 
-    The ``window`` frames do not include the frame itself. The median is that of `numpy.median`.
-    The image is valid until the next is asked for. ``held`` needs room for
-    ``window + MEDIAN_CHUNK`` frames.
+    ``indices`` are frame numbers, in any order. The ``window`` frames do not include the frame
+    itself. The median is that of `numpy.median`. The image is valid until the next is asked for.
+    ``held`` needs room for ``window + MEDIAN_CHUNK`` frames.
 
     Windows with the frame itself are consecutive frames and share nearly all work. So the program
     gives the middle ranks with the frame, and `_middle` takes it out.
@@ -259,7 +272,10 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
 
 
 def stack_median(frames: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Return the median image (rows, cols) of frames, ten times as fast as `numpy.median`."""
+    """Return the median (rows, cols) of frames, each (rows, cols) of one type.
+
+    It is ten times as fast as `numpy.median`.
+    """
     # the median around a frame in front of them, which does not count
     held = HeldFrames([frames[0], *frames], len(frames) + 1)
     _, middle = next(window_medians(held, [0], len(frames)))
