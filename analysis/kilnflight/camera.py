@@ -34,10 +34,10 @@ class DepthCalibration:
     breakpoints_mm
         Captured depths at which the segment changes, ascending; one fewer than segments.
     coefficients
-        Per segment, highest power first (as `numpy.polyval` takes them), in mm.
+        Per segment, of mm to mm, highest power first (as `numpy.polyval` takes them).
     closed_left
-        Per breakpoint: whether the breakpoint itself belongs to the segment above it.
-        Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
+        Per breakpoint: whether the breakpoint itself belongs to the segment above it; empty: all
+        do. Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
     """
 
     breakpoints_mm: tuple[float, ...]
@@ -77,7 +77,10 @@ class DepthCalibration:
         return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
 
     def segment(self, captured_mm: npt.ArrayLike) -> Index:
-        """Return the segment of each captured depth."""
+        """Return the segment of each captured depth in mm, in its shape.
+
+        Segments are numbered 0, 1, ... by ascending depth.
+        """
         depth = np.asarray(captured_mm, dtype=np.float64)
         closed = self.closed_left or (True,) * len(self.breakpoints_mm)
         index = np.zeros(depth.shape, dtype=np.intp)
@@ -86,22 +89,23 @@ class DepthCalibration:
         return index
 
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
-        """Return the calibrated depth in mm, in the shape of the input."""
+        """Return the true depth of each captured depth in mm, in its shape."""
         depth = check_finite(captured_mm, "captured depth")
         segments = [self.segment(depth) == index for index in range(len(self.coefficients))]
         polynomials = [np.poly1d(powers) for powers in self.coefficients]
         return np.asarray(np.piecewise(depth, segments, polynomials))
 
     def jumps(self) -> Array:
-        """Return right limit minus left limit at each breakpoint, in mm."""
+        """Return the right limit minus the left limit at each breakpoint, (n,) in mm."""
         ends = zip(pairwise(self.coefficients), self.breakpoints_mm, strict=True)
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
     def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
         """Return the captured depths in mm at which the calibrated depth falls, (n,).
 
-        They lie between ``low_mm`` and ``high_mm``, on a grid. A calibration that falls gives two
-        particles in the wrong order of depth. Jumps are reported by `jumps`.
+        They lie between ``low_mm`` and ``high_mm``, on a grid of ``step_mm``. A calibration that
+        falls gives two particles in the wrong order of depth. Jumps between segments are left to
+        `jumps`.
         """
         depth = np.arange(low_mm, high_mm, step_mm)
         slopes = np.stack([np.polyval(np.polyder(np.array(c)), depth) for c in self.coefficients])
@@ -186,9 +190,10 @@ def calibrate_depth(z: npt.ArrayLike) -> Array:
 
 
 def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4) -> list[float]:
-    """Return the captured depths of a true depth in mm, ascending.
+    """Return all captured depths of a true depth, both in mm, ascending.
 
-    Eq. 2.4 is not one to one: a true depth of 3 m is reached from 2065 and 3118 mm.
+    The list is empty if there is none. Eq. 2.4 is not one to one: a true depth of 3 m is reached
+    from 2065 and 3118 mm.
     """
     found: list[float] = []
     for index, coefficients in enumerate(calibration.coefficients):
@@ -236,6 +241,11 @@ def fit_depth_segments(
         Whether neighbours must agree at the breakpoints. If not, the result may jump there, as
         Eq. 2.4 does by -356 mm at 3000 mm.
 
+    Returns
+    -------
+    DepthCalibration
+        With the breakpoints of Eq. 2.4, 3000 and 5000 mm, each in the segment above it.
+
     Raises
     ------
     InputError
@@ -265,7 +275,7 @@ def fit_depth_segments(
 
 
 def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration | None) -> Array:
-    """Return points (n, 3) with their true depth, in mm.
+    """Return points (n, 3) x, y, z with their true depth, in mm.
 
     Parameters
     ----------
@@ -305,17 +315,17 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
 
 
 def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
-    """Return whether each pixel lies in a region of interest.
+    """Return whether each pixel lies in a polygon, such as the region of interest.
 
-    The shape is that of ``row`` and ``col``.
+    The result has the common shape of ``row`` and ``col``.
 
     Parameters
     ----------
     polygon
-        (n, 2) row, col of its corners in order, as `frames.Attributes.roi`; the
-        last is joined to the first.
+        (n, 2) row, col of its corners in px and in order, such as
+        `kilnflight.recording.frames.Attributes.roi`; the last is joined to the first.
     row, col
-        Pixels, whole or not.
+        Places in px, whole or not.
 
     Raises
     ------
@@ -345,19 +355,19 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Fl
 
 
 def wall_profile(picture: npt.ArrayLike, corners: npt.ArrayLike, rows: int = 200) -> Array:
-    """Return the mean of each row of an equalised trapezoid, (rows,), the far end first.
+    """Return the mean of each row of an equalised trapezoid, (rows,) (Fig. 2.4).
 
-    Rows are evenly spaced on the wall if the trapezoid is a strip of constant width seen in
-    perspective.
+    It is the profile of the wall along the kiln, the far end first. Rows are evenly spaced on the
+    wall if the trapezoid is a strip of constant width seen in perspective.
 
     Parameters
     ----------
     picture
-        (rows, columns) of the infrared camera, for example temperatures.
+        (height, width) values of the infrared camera, for example temperatures.
     corners
-        Four corners (row, col) of the trapezoid: far left, far right, near right, near left.
+        (4, 2) row, col in px of the trapezoid: far left, far right, near right, near left.
     rows
-        Rows of the rectangle that the trapezoid becomes, by linear interpolation.
+        Number of rows of the rectangle that the trapezoid becomes, by linear interpolation.
 
     Raises
     ------

@@ -67,14 +67,14 @@ class Source(Protocol):
 class FrameBuffer:
     """Stack of a recording's grey values; each needed frame is read once.
 
-    Background models read a frame before its turn; it is held until its last use.
+    Background models read a frame before it is detected in; it is held until its last use.
 
     Parameters
     ----------
     recording
-        The recording.
+        Recording to read.
     uses
-        Frame numbers that `take` will be called with.
+        Frame numbers that `take` will be called with, each as often as listed.
     """
 
     def __init__(self, recording: Recording, uses: Iterable[int] = ()) -> None:
@@ -93,7 +93,7 @@ class FrameBuffer:
         return view
 
     def take(self, t: int) -> Frame:
-        """Return frame ``t``, and release it after its last use."""
+        """Return frame ``t``, without labels, and release it after its last use."""
         frame = self._fetch(t)
         self._uses[t] -= 1
         if self._uses[t] <= 0:
@@ -109,10 +109,11 @@ class FrameBuffer:
 def views(
     recording: Recording, frames: Iterable[int], background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Yield the number and the view of each frame.
+    """Yield the number and the view, without the flame, of each of ``frames``.
 
-    The default background is the temporal median over 150 frames (section 5.1.2). The first frame
-    is compared with the one after it, as no frame precedes it.
+    The default background is the temporal median over 150 frames (section 5.1.2). Depths are
+    calibrated as the recording states. The first frame is compared with the one after it, as no
+    frame precedes it.
     """
     frames, attributes, smooth = list(frames), recording.attributes, Smoother()
     before = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
@@ -136,7 +137,24 @@ def detect_frames(
     background: BackgroundModel | None = None,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`)."""
+    """Return the detections of a recording's frames by the combined detector.
+
+    Parameters
+    ----------
+    recording
+        Recording with its region of interest and flame.
+    frames
+        Frame numbers from 0.
+    detector, background
+        Combined detector and background model; None: the defaults, `Combination` and `Median`.
+    progress
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.DETECTIONS`.
+    """
     detector, roi = detector or Combination(), recording.attributes.roi
     seen, hidden = views(recording, frames, background), None if progress else True
     bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
@@ -146,12 +164,12 @@ def detect_frames(
 
 @dataclass(frozen=True)
 class DetectionRun:
-    """Detection in consecutive frames of a recording.
+    """Detection in consecutive frames of a recording, in one cached table per chunk.
 
     Parameters
     ----------
     source
-        The recording.
+        Names and opens the recording.
     start, stop
         First frame, and the one after the last.
     detector, background
@@ -159,7 +177,7 @@ class DetectionRun:
     chunk
         Frames per table.
     folder
-        Folder of all tables; data/derived by default.
+        Folder of all tables; `kilnflight.project.paths.derived` by default.
     """
 
     source: Source
@@ -188,7 +206,7 @@ class DetectionRun:
         return detect_frames(self.source.recording(), frames, self.detector, self.background)
 
     def detections(self) -> pd.DataFrame:
-        """Return all detections; this process makes missing ones."""
+        """Return all detections (`DETECTIONS`); this process makes missing tables."""
         parts = [self.table(frames)() for frames in self.chunks]
         return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
@@ -253,7 +271,11 @@ class KilnRun:
 
     @cached("detected", "wall", "in_air", "tracker", "cutting")
     def tracks(self) -> pd.DataFrame:
-        """Post-processed tracks of the detections in the air."""
+        """Post-processed tracks of the detections in the air, split at impossible steps.
+
+        The table is that of the detections that are not on the wall, and ``particle``: the track
+        (-1: none).
+        """
         table = self.detection.detections()
         if self.wall is not None:
             on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
@@ -262,7 +284,7 @@ class KilnRun:
 
     @cached("tracks", "exit_point_mm", "regression")
     def trajectories(self) -> pd.DataFrame:
-        """Fitted trajectories; none without the lance's outlet."""
+        """Fitted trajectories (`TRAJECTORIES`); none without the lance's outlet."""
         if self.exit_point_mm is None:
             return TRAJECTORIES.empty()
         tracks, rate = tracked(self.tracks()), self.frame_rate_hz
@@ -270,12 +292,12 @@ class KilnRun:
 
     @cached("tracks", "trajectories", "rules")
     def flights(self) -> pd.DataFrame:
-        """Flights of the trajectories; none without a wall."""
+        """Flights of the trajectories (`FLIGHTS`); none without a wall."""
         return flights_from(self, self.tracks(), regression.fits(self.trajectories()))
 
     @cached("trajectories", "flights")
     def slices(self) -> pd.DataFrame:
-        """Velocities within each metre."""
+        """Velocities within each metre of accepted flights from the lance (`SLICES`)."""
         return slices_from(self.flights(), regression.fits(self.trajectories()))
 
 
@@ -301,7 +323,10 @@ def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None
 def _make_missing(
     pieces: Sequence[tuple[KilnRun, range | str, int]], workers: Workers, label: str
 ) -> None:
-    """Make missing tables; a piece is a run, its chunk or step, and the number of frames."""
+    """Make the missing ones of ``pieces``: run, its chunk or step, number of frames.
+
+    ``label`` names them in the progress bar. `InputError`: a worker wrote elsewhere.
+    """
     wanted = [(run, what, run.table(what).path, size) for run, what, size in pieces]
     missing = [each for each in wanted if not each[2].is_file()]
     lengths = [size for *_, size in missing]
@@ -316,6 +341,10 @@ def _make_missing(
 
 
 def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
+    """Make the table of a run's chunk or step, in a worker.
+
+    Last in ``piece`` is the file that the caller expects; another one is an `InputError`.
+    """
     run, what, expected = piece
     table = run.table(what)
     if table.path != expected:
@@ -329,7 +358,11 @@ def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
 def flights_from(
     run: KilnRun, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit]
 ) -> pd.DataFrame:
-    """Return the flights of tracks with these fits; none without a wall."""
+    """Return the flights of ``tracks``; none without a wall.
+
+    They are `kilnflight.tables.FLIGHTS`. ``fits`` are the trajectories by particle. Studies call it
+    with other fits than the run's.
+    """
     if run.wall is None:
         return FLIGHTS.empty()
     recording, table = run.detection.source.recording(), tracked(tracks)
@@ -339,7 +372,11 @@ def flights_from(
 
 
 def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
-    """Return the space-sliced velocities of accepted flights from the lance."""
+    """Return the space-sliced velocities of accepted flights from the lance.
+
+    It is `kilnflight.tables.SLICES`, in m/s. ``flights`` is `kilnflight.tables.FLIGHTS`, and
+    ``fits`` are the trajectories by particle.
+    """
     counted = flight.kept(flights[flights["from_lance"]])
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)
@@ -348,8 +385,9 @@ def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd
 def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> Array:
     """Return the kiln's mean grey value (n,) behind each detection's disc.
 
-    The kiln is the median of `EMPTY_FRAMES` pictures spread over ``frames``. Its purpose is in
-    `kilnflight.ignition.Ignition`.
+    ``detections`` has row, col and radius_px. The kiln is the median of `EMPTY_FRAMES` pictures
+    spread over ``frames``. `kilnflight.ignition.Ignition` compares a particle's grey values with
+    it.
     """
     picture = _empty_kiln(source, frames).astype(np.float64)
     return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
@@ -357,6 +395,6 @@ def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> 
 
 @lru_cache(maxsize=1)  # a study reads one recording's flights several times
 def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
-    """Return the median picture (rows, cols) of a recording."""
+    """Return the median (rows, cols) of `EMPTY_FRAMES` pictures, evenly in ``frames``."""
     steps = np.linspace(frames.start, frames.stop - 1, EMPTY_FRAMES).round().astype(int)
     return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])
