@@ -18,7 +18,7 @@ from kilnflight.arrays import Array, Flags, Picture
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
 from kilnflight.checks import InputError
 
-PROFILES = 200  # across each side of the belt; choice, as the next
+PROFILES = 200  # across each side of the belt; choice, as are the next three
 REACH_PX = 12.0  # a profile's length to each side of the edge
 TOLERANCE_PX = 1.0  # farthest point of a line from it
 LEAST_VISIBLE = 0.5  # share of an edge
@@ -79,17 +79,19 @@ class BeltCorners(NamedTuple):
 
 
 class _Line(NamedTuple):
+    """Line through the points of one edge of the belt, in px of the picture."""
+
     point: Array  # (2,), row and col, in the middle of the points
     along: Array  # (2,), unit vector
     variance: Array  # (2,), of the offset in px^2 and of the slope
 
 
 def find_corners(picture: Picture) -> BeltCorners:
-    """Return the corners of the belt in the middle of ``picture`` (rows, cols).
+    """Return the corners in px of the belt in the middle of a picture (rows, cols).
 
     The belt runs to the right, y grows downwards. A corner is where lines through two edges meet.
-    An edge is where the grey value crosses the middle between belt and surroundings, to a fraction
-    of a pixel, on profiles across each side.
+    On profiles across each side, an edge is where the grey value is halfway between belt and
+    surroundings, to a fraction of a pixel.
 
     Raises
     ------
@@ -109,7 +111,11 @@ def find_corners(picture: Picture) -> BeltCorners:
 
 
 def _line(picture: Picture, start: Array, stop: Array, level: float, side: str) -> _Line:
-    """Return the line through the edge's points between two rough corners."""
+    """Return the line through an edge's points between two rough corners.
+
+    ``start`` and ``stop`` (2,) are row and col of the corners in px, ``level`` the grey value of
+    the edge, and ``side`` its name for errors.
+    """
     share = (np.arange(PROFILES) + 0.5) / PROFILES
     middle = start + share[:, None] * (stop - start)
     along = (stop - start) / np.linalg.norm(stop - start)
@@ -137,6 +143,7 @@ def _line(picture: Picture, start: Array, stop: Array, level: float, side: str) 
 
 
 def _check_visible(visible: Flags, side: str) -> None:
+    """Raise an `InputError` unless enough profiles (n,) of an edge show it."""
     if visible.mean() < LEAST_VISIBLE:
         raise InputError(
             f"picture: the belt's edge ({side}) is seen over {visible.mean():.0%} of its length, "
@@ -145,7 +152,11 @@ def _check_visible(visible: Flags, side: str) -> None:
 
 
 def _outline(picture: Picture) -> tuple[Array, float]:
-    """Return rough corners (4, 2) of the area in the middle, and the grey value of its edge."""
+    """Return rough corners (4, 2) of the middle area, and its edge's grey value.
+
+    Corners are row and col in px, the upper left one first, then clockwise. The grey value is
+    halfway between the medians of the area and of the rest.
+    """
     check_picture(picture, "picture")
     rows, cols = picture.shape
     smooth = cv2.medianBlur(picture, 5)
@@ -166,9 +177,10 @@ def _outline(picture: Picture) -> tuple[Array, float]:
 
 
 def _crossing(height: Array, steps: Array) -> Array:
-    """Return where each profile (n, s) crosses zero, in px along it (n,).
+    """Return where each of n profiles crosses zero, in px along it (n,).
 
-    ``steps`` (s,) are the places of its samples, evenly spaced. NaN unless it crosses once.
+    ``height`` (n, s) are grey values minus that of the edge, ``steps`` (s,) the places of samples
+    along a profile, evenly spaced in px. NaN unless a profile crosses once.
     """
     sign = height > 0
     changes = sign[:, 1:] != sign[:, :-1]
@@ -183,7 +195,7 @@ def _crossing(height: Array, steps: Array) -> Array:
 
 
 def _meet(line: _Line, other: _Line) -> tuple[Array, float]:
-    """Return where two lines cross and the standard error of that place in px."""
+    """Return row and col (2,) where two lines cross, and the standard error, in px."""
     far = np.linalg.solve(np.column_stack([line.along, -other.along]), other.point - line.point)
     variances = [
         edge.variance[0] + distance**2 * edge.variance[1]
@@ -200,15 +212,18 @@ class Calibration(NamedTuple):
     mm_per_px: float  # mean over the belt's edges
 
     def millimetres(self, places: Array) -> Array:
-        """Return x and y (n, 2) of row and col (n, 2)."""
+        """Return x and y on the belt in mm (n, 2) of row and col in px (n, 2)."""
         return _mapped(self.matrix, places[:, ::-1])
 
     def pixels(self, places: Array) -> Array:
-        """Return row and col (n, 2) of x and y (n, 2) on the belt."""
+        """Return row and col in px (n, 2) of x and y on the belt in mm (n, 2)."""
         return _mapped(np.asarray(np.linalg.inv(self.matrix), np.float64), places)[:, ::-1]
 
     def window(self, area: Area, margin_px: float, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns of a picture that show an area and a margin."""
+        """Return the rows and columns of a picture that show an area and a margin.
+
+        ``shape`` is that of the picture; the window is clipped to it.
+        """
         corners = self.pixels(area.corners)
         low = np.floor(corners.min(axis=0) - margin_px).clip(0).astype(int)
         high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
@@ -238,15 +253,15 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Raises
     ------
     InputError
-        If the scales along and across differ by more than half: the belt does not run to the
-        right, or has another size.
+        If the scales along and across differ by more than the factor `MOST_UNLIKE`: the belt does
+        not run to the right, or has another size.
 
     Notes
     -----
     Four corners fix the eight numbers of a homography and leave no residual. So the error is that
-    of the corners, from the scatter of the edges' points. It leaves out parallax. A camera
-    at height h above the belt shows a centre at height z farther from the middle of the picture,
-    by z / h of its distance from there.
+    of the corners, from the scatter of the edges' points. It leaves out parallax: a camera at
+    height h sees a particle's centre at height z displaced outwards. The displacement is about
+    z / h times the distance from the place under the camera.
     """
     places = corners.places
     matrix = cv2.getPerspectiveTransform(

@@ -4,8 +4,8 @@ An arrival model returns times in s on the clock of the observations. A lateral 
 between last observation and arrival and returns ``y`` in mm. Observations are columns of
 `kilnflight.tables.BELT_LAST`: a table, or arrays (n,) by name.
 
-Time and place are NaN where a model predicts no arrival: the acceleration stops the particle before
-the target, so Eq. 6 has no positive root.
+The time is NaN where a model predicts no arrival: the acceleration stops the particle before the
+target, so Eq. 6 has no positive root. So is the place, except that of `Straight`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ Columns = pd.DataFrame | Mapping[str, Any]  # arrays (n,) by name
 
 
 def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return the smallest positive time in s, (n,), at which Eq. 5 has covered the distance.
+    """Return the time in s, (n,), to cover a distance at constant acceleration.
 
-    Solves ``distance = velocity t + acceleration t^2 / 2`` (Eq. 6) by
-    ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration distance))``. This form also
+    It is the smallest positive one. Solves ``distance = velocity t + acceleration t^2 / 2`` (Eq. 6)
+    by ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration distance))``. This form also
     holds for zero acceleration, and does not cancel. NaN where there is no root.
 
     Parameters
@@ -50,7 +50,7 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 
 @dataclass(frozen=True)
 class _Model:
-    """A model; its parameter is NaN until it is calibrated."""
+    """A model of the arrival; its parameter, if any, is NaN until it is calibrated."""
 
     @property
     def name(self) -> str:
@@ -62,6 +62,7 @@ class _Model:
             raise InputError(f"{self.name} is not calibrated; call its calibrated(...) first.")
 
     def _check_pairs(self, last: Columns, arrival: Columns) -> None:
+        """Raise an `InputError` unless both have the same particles in the same order."""
         (names,), (others,) = _take(last, "last", "particle"), _take(arrival, "arrival", "particle")
         if not len(names) or not np.array_equal(names, others):
             raise InputError(f"{self.name}: arrival must have the particles of last, at least one.")
@@ -80,6 +81,8 @@ class ArrivalModel(_Model, ABC):
 
     def __call__(self, last: Columns, target_mm: float) -> Array:
         """Return the predicted time of arrival at ``x = target_mm`` in s, (n,).
+
+        It is on the clock of the observations, and NaN where no arrival is predicted.
 
         Parameters
         ----------
@@ -101,7 +104,20 @@ class ArrivalModel(_Model, ABC):
     def calibrated(self, last: Columns, arrival: Columns, target_mm: float) -> Self:
         """Return the model with its parameter from particles with observed arrival.
 
-        ``arrival`` has columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles.
+        Parameters
+        ----------
+        last
+            Columns of `kilnflight.tables.BELT_LAST`.
+        arrival
+            Columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles in the same order.
+        target_mm
+            The place x of the arrivals, downstream of all last observations.
+
+        Raises
+        ------
+        InputError
+            If the particles differ, a number is not finite, or an arrival is not after the last
+            observation.
         """
         self._check_pairs(last, arrival)
         time, distance, velocity, _ = _way_to(last, target_mm)
@@ -113,14 +129,24 @@ class ArrivalModel(_Model, ABC):
 
     @abstractmethod
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return the time for the remaining distance (mm) in s."""
+        """Return the time (n,) in s for the distance in mm that is left to the target.
+
+        Velocity (mm/s) and acceleration (mm/s^2), (n,) each, are the last ones along the belt.
+        """
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
+        """Return the model fitted to n calibration particles, if it has a parameter.
+
+        They have (n,) distances to the target (mm), last velocities (mm/s) and times to it (s).
+        """
         return self
 
 
 def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array]:
-    """Return time, distance to the target, velocity and acceleration, (n,) each."""
+    """Return time, distance to the target, velocity and acceleration, (n,) each.
+
+    Units are s, mm, mm/s and mm/s^2; all are those of the last observation, along the belt.
+    """
     check_number(target_mm, "target_mm")
     names = ("time_s", "x", "velocity_x_mm_s", "acceleration_x_mm_s2")
     time, x, velocity, acceleration = _take(last, "last", *names)
@@ -150,7 +176,7 @@ class ID(ArrivalModel):
 
 @dataclass(frozen=True)
 class IV(ArrivalModel):
-    """Identical velocity: one velocity for the rest of the way of all particles (Eq. 1)."""
+    """Identical velocity: one for the remaining distance of all particles (Eq. 1)."""
 
     velocity_mm_s: float = np.nan  # median over the prediction phase (sec. 5)
 
@@ -242,7 +268,15 @@ class LateralModel(_Model, ABC):
     """A model of where across the belt a particle arrives."""
 
     def __call__(self, last: Columns, remaining_s: Array) -> Array:
-        """Return the lateral position in mm, (n,), ``remaining_s`` (n,) after ``last``."""
+        """Return the predicted lateral position of arrival in mm, (n,).
+
+        Parameters
+        ----------
+        last
+            Columns of `kilnflight.tables.BELT_LAST`.
+        remaining_s
+            (n,) predicted times in s from the last observation to the arrival; NaN: none predicted.
+        """
         self._check_calibrated()
         y, *motion = _take(last, "last", "y", "velocity_y_mm_s", "acceleration_y_mm_s2")
         if np.shape(remaining_s) != y.shape or np.less(remaining_s, 0).any():
@@ -250,7 +284,11 @@ class LateralModel(_Model, ABC):
         return y + self._way(remaining_s, *motion)
 
     def calibrated(self, last: Columns, arrival: Columns) -> Self:
-        """Return the model with its parameter from particles with observed arrival."""
+        """Return the model with its parameter from particles with observed arrival.
+
+        ``last`` has columns of `kilnflight.tables.BELT_LAST`, ``arrival`` those of
+        `kilnflight.tables.BELT_ARRIVAL` for the same particles in the same order.
+        """
         self._check_pairs(last, arrival)
         (before,) = _take(last, "last", "velocity_y_mm_s")
         (after,) = _take(arrival, "arrival", "velocity_y_mm_s")
@@ -258,9 +296,17 @@ class LateralModel(_Model, ABC):
 
     @abstractmethod
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return the way across the belt in ``time``, in mm."""
+        """Return the way across the belt (n,) in mm.
+
+        It takes ``time`` (s); velocity (mm/s) and acceleration (mm/s^2) are the last ones across
+        the belt, (n,) each.
+        """
 
     def _fitted(self, before: Array, after: Array) -> Self:
+        """Return the model fitted to n calibration particles, if it has a parameter.
+
+        Lateral velocities (n,) in mm/s are those of the last observation and of the arrival.
+        """
         return self
 
 

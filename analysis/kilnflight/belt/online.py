@@ -41,8 +41,9 @@ def predict_arrivals(
 ) -> pd.DataFrame:
     """Return `kilnflight.tables.BELT_PREDICTED` of last observations (BELT_LAST).
 
-    Time and place are NaN where a model predicts no arrival, one before the last observation, or
-    one more than ``most_s`` after it.
+    The time is NaN where a model predicts no arrival, one before the last observation, or one more
+    than ``most_s`` after it. So is the place, except that of `Straight`. ``target_mm`` is the place
+    x of the valves.
     """
     time, seen = arrival(last, target_mm), np.asarray(last["time_s"])
     time = np.where((time >= seen) & (time - seen <= most_s), time, np.nan)
@@ -53,7 +54,7 @@ def predict_arrivals(
 
 @dataclass
 class ValveSchedule:
-    """The commands of a bar of valves while predictions become known, as in a running sorter.
+    """Commands of a bar of valves while predictions become known, as in a sorter.
 
     If every prediction is known at least ``dead_s`` before its valve is to open, the commands are
     the windows of `ValveBar.events`. A later one opens the valve late: at once, or after its dead
@@ -72,8 +73,8 @@ class ValveSchedule:
         Parameters
         ----------
         now_s, until_s
-            Not before those of the last step. A window that goes on is cut at ``until_s``, and
-            continues in the next step.
+            Times in s, not before those of the last step. A window that goes on is cut at
+            ``until_s``, and continues in the next step.
         predicted
             `kilnflight.tables.BELT_PREDICTED`, known since the last step.
 
@@ -99,7 +100,10 @@ class ValveSchedule:
         return pd.DataFrame(dict(zip(VALVE_EVENTS.names, columns, strict=True)))
 
     def _add(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
-        """Plan a window from now on, and merge it with those near it."""
+        """Plan the opening of a valve from ``now_s`` on; merge it with those near it.
+
+        A window that cannot open in time is counted in ``late``, or in ``never`` and left out.
+        """
         earliest, closed_s = max(open_s, now_s), self._closed_s.get(valve, -np.inf)
         if not self.bar.are_apart(closed_s, earliest):
             earliest = closed_s + self.bar.dead_s
@@ -116,10 +120,10 @@ class ValveSchedule:
 
 
 class Decision(NamedTuple):
-    """Result of a frame."""
+    """Result of a frame: its measurements, the tracks, and what the valves are to do."""
 
     frame: int
-    measured: Array  # (m, 6), columns of BELT_SPOTS after the first
+    measured: Array  # (m, 6), columns of BELT_SPOTS after the first (frame)
     tracks: Tracks  # after the frame; "row" is that of ``measured``, -1: missed
     predicted: pd.DataFrame  # BELT_PREDICTED: particles to be blown out, known from now on
     due: pd.DataFrame  # VALVE_EVENTS to command until the next frame's decision
@@ -145,8 +149,14 @@ def sort_pictures(
         Number by the camera and picture (rows, cols) uint8 of each frame. Numbers ascend. Over a
         gap tracks are predicted and not taken for missed; a particle that left in it is predicted
         from where it was last seen.
-    measure, models, schedule, tracker
-        Of one belt; the models are calibrated.
+    measure
+        Spots of a picture in mm.
+    models
+        Arrival and lateral model, calibrated.
+    schedule
+        Bar of valves; it is changed in place.
+    tracker
+        Tracker of the same belt.
     target_mm
         Where the valves are, beyond the tracker's area.
     chooses
@@ -184,6 +194,7 @@ def sort_pictures(
 def _predict(
     entering: Tracks, models: tuple[ArrivalModel, LateralModel], target_mm: float, frame_s: float
 ) -> pd.DataFrame:
+    """Return BELT_PREDICTED of n tracks as they were last measured."""
     state = np.zeros((len(entering), 6))
     state[:, : entering["state"].shape[1]] = entering["state"]
     columns = entering["particle"], entering["last"] * frame_s, *state.T

@@ -34,7 +34,10 @@ SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "m
 
 
 class Observed(NamedTuple):
-    """The same particles in the same order in both tables; the others are counted."""
+    """Last observations and arrivals, of the same particles in the same order.
+
+    Particles that lack either are counted.
+    """
 
     last: pd.DataFrame  # kilnflight.tables.BELT_LAST
     arrival: pd.DataFrame  # kilnflight.tables.BELT_ARRIVAL
@@ -43,7 +46,7 @@ class Observed(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictionPhase:
-    """Start and target of a prediction along the belt.
+    """Start and target of a prediction, as places x along the belt in mm.
 
     The paper predicts from 150 mm before the edge of the belt to the edge. The public tracks end
     there, so no observation lies beyond it. The last position of every particle is between 773 and
@@ -117,7 +120,11 @@ class PredictionPhase:
         return observed._replace(last=last.assign(**moved)[BELT_LAST.names])
 
     def _arrival(self, columns: dict[str, Array], after: Index) -> pd.DataFrame:
-        """Interpolate linearly between the observations around the target (Fig. 5)."""
+        """Return the arrivals, BELT_ARRIVAL, by linear interpolation (Fig. 5).
+
+        ``columns`` are those of BELT_TRACKS, (rows,) each. ``after`` (n,) is each particle's first
+        row at or beyond the target; the row before must be the same particle's.
+        """
         names = ("time_s", "x", "y")
         time, x, y = (columns[name][after - 1] for name in names)
         duration, way, across = (columns[name][after] - columns[name][after - 1] for name in names)
@@ -143,13 +150,21 @@ def _arrays(table: pd.DataFrame) -> dict[str, Array]:
 
 
 def _first(flags: Flags, starts: Index, ends: Index) -> Index:
-    """Return the first flagged row of each particle, or its end."""
+    """Return the first flagged row (n,) of each particle, or its end.
+
+    ``flags`` (rows,) are by particle; ``starts`` and ``ends`` (n,) are each particle's first row
+    and the one after its last.
+    """
     rows = np.append(np.flatnonzero(flags), len(flags))
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
 
 
 def _last(columns: dict[str, Array], row: Index) -> pd.DataFrame:
-    """Return the states at rows, by parabolas through each and the two rows before."""
+    """Return the states BELT_LAST at rows (n,), by parabolas through three positions.
+
+    They are those of each row and of the two before it, evenly spaced in time. ``columns`` are
+    those of BELT_TRACKS, (rows,) each.
+    """
     step = columns["time_s"][row] - columns["time_s"][row - 1]
     state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}
     for axis in ("x", "y"):
@@ -168,7 +183,7 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     followed
         From `kilnflight.belt.tracker.BeltTracker`, whose area ends where the phase begins.
     frame_s
-        Time between two frames.
+        Time in s between two frames.
 
     Returns
     -------
@@ -189,17 +204,18 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
 def observe_followed(
     followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
 ) -> Observed:
-    """Return filtered states before the prediction phase and measured arrivals behind it.
+    """Return filtered states before the prediction phase and measured arrivals.
 
     Parameters
     ----------
-    followed, measured
-        From `kilnflight.belt.tracker.BeltTracker`, and its measurements; its area covers the
-        target.
+    followed
+        From `kilnflight.belt.tracker.BeltTracker`, whose area covers the target.
+    measured
+        The tracker's measurements: x, y in mm, a row for each ``row`` of its states.
     phase
         Start and target; `PredictionPhase.observe` leaves tracks out.
     frame_s
-        Time between two frames.
+        Time in s between two frames.
     """
     states = followed.states[followed.states["row"] >= 0]
     states = states.assign(time_s=states["frame"] * frame_s)
@@ -212,11 +228,12 @@ def observe_followed(
 
 
 def summarise_deviations(deviation: Array) -> dict[str, float]:
-    """Return count, quartiles, whiskers and mean absolute value of deviations, (n,).
+    """Return count, quartiles, whiskers and mean absolute value of deviations.
 
-    Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The whiskers
-    reach to the last value within 1.5 box lengths of the box (section 5.1): 2.7 standard deviations
-    from the median of a normal distribution.
+    Keys are those of `SUMMARY`; values are in the unit of ``deviation`` (n,). Particles without a
+    prediction (NaN) are left out and counted as ``unpredicted``. The whiskers reach to the last
+    value within 1.5 box lengths of the box (section 5.1): 2.7 standard deviations from the median
+    of a normal distribution.
     """
     predicted = deviation[np.isfinite(deviation)]
     if not len(predicted):
@@ -277,10 +294,10 @@ def evaluate(
 def arrival_deviations(
     observed: Observed, phase: PredictionPhase, calibration: Flags
 ) -> Iterator[tuple[str, Array]]:
-    """Yield each arrival model's name and its deviations in ms.
+    """Yield each arrival model's name and its deviations (n - c,) in ms.
 
-    ``calibration`` (n,) marks the particles that calibrate (IV takes all); the deviations are those
-    of the others.
+    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those of the
+    others. `IV` is calibrated with all, as in the paper.
     """
     every, calibrating, (last, arrival) = _split(observed, calibration)
     for model in ARRIVAL_MODELS:
@@ -291,7 +308,11 @@ def arrival_deviations(
 def lateral_deviations(
     observed: Observed, phase: PredictionPhase, calibration: Flags
 ) -> Iterator[tuple[str, Array]]:
-    """Yield the name and the deviations in mm of each combination of Fig. 10."""
+    """Yield each combination's name and its deviations (n - c,) in mm (Fig. 10).
+
+    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those of the
+    others.
+    """
     reference = observed.arrival["y"].to_numpy()[~calibration]
     for name, _, y in predictions(observed, phase, calibration):
         yield name, y - reference
@@ -303,7 +324,11 @@ def predictions(
     calibration: Flags,
     combinations: tuple[tuple[str, ArrivalModel, LateralModel], ...] = COMBINATIONS,
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Yield each combination's name and the others' predicted time (s) and place y (mm)."""
+    """Yield each combination's name, predicted times (s) and places y (mm).
+
+    Both are (n - c,). ``calibration`` (n,) marks the c particles that calibrate; the others are
+    predicted. A combination is its name, arrival model and lateral model.
+    """
     every, calibrating, (last, _) = _split(observed, calibration)
     times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
     for name, arrival, lateral in combinations:
@@ -318,7 +343,10 @@ _Pair = list[dict[str, Array]]  # last observations and arrivals, arrays by colu
 
 
 def _split(observed: Observed, calibration: Flags) -> tuple[_Pair, _Pair, _Pair]:
-    """Return all particles, the calibration particles and the others, as arrays."""
+    """Return all particles, the calibration particles and the others, as arrays.
+
+    ``calibration`` (n,) marks the calibration particles.
+    """
     every = [_arrays(observed.last), _arrays(observed.arrival)]
     calibrating, others = (
         [{name: values[which] for name, values in columns.items()} for columns in every]
@@ -330,6 +358,7 @@ def _split(observed: Observed, calibration: Flags) -> tuple[_Pair, _Pair, _Pair]
 def _calibrated(
     model: ArrivalModel, every: _Pair, calibrating: _Pair, target_mm: float
 ) -> ArrivalModel:
+    """Return the model, calibrated with the calibration particles, `IV` with all."""
     # The paper gives IV the median of all particles, "the most favorable conditions".
     last, arrival = every if isinstance(model, IV) else calibrating
     return model.calibrated(last, arrival, target_mm)

@@ -25,7 +25,7 @@ MOST_PARTS = 8  # a larger spot is left whole: it is no few particles that touch
 
 
 def average(pictures: Iterable[Picture]) -> Picture:
-    """Return the mean of pictures (rows, cols), "the constant background" (section II.B).
+    """Return the mean of pictures (rows, cols), the background (section II.B).
 
     A particle that rests in all of them is part of the background and never found. One that rests
     in a share s of the pictures has s times its contrast c in the mean. By the threshold t of
@@ -64,7 +64,11 @@ class Spots:
     split: bool = False  # neither paper used it
 
     def __call__(self, picture: Picture, background: Picture) -> Array:
-        """Return row, col, area in px and whether several touch (1.0 or 0.0), (n, 4)."""
+        """Return row, col, area in px and whether several touch (1.0 or 0.0), (n, 4).
+
+        Rows and columns are those of the centroids. ``background`` (rows, cols) is from `average`,
+        of the shape of ``picture``.
+        """
         check_picture(picture, "picture", background.shape)
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
@@ -87,7 +91,9 @@ class Spots:
         return np.concatenate([found[kept], *parts])
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
-        """Take the median area of all spots as that of one particle.
+        """Return these spots with the median area of all as that of one particle.
+
+        ``pictures`` show mostly particles that do not touch; ``background`` is from `average`.
 
         Raises
         ------
@@ -101,7 +107,10 @@ class Spots:
 
 
 def _parts(pixels: Array, number: int) -> Array:
-    """Return a spot's pixels (p, 2) as ``number`` spots by k-means, with the columns of `Spots`."""
+    """Return a spot's pixels (p, 2) as ``number`` spots, by k-means.
+
+    Columns (number, 4) are those of `Spots`: row, col, area, and the mark, 1.
+    """
     from sklearn.cluster import KMeans  # here: it takes a second to load, and only splits need it
 
     away = pixels - pixels.mean(axis=0)
@@ -116,15 +125,21 @@ def _parts(pixels: Array, number: int) -> Array:
 
 @dataclass(frozen=True)
 class MeasureSpots:
-    """The spots of a picture in millimetres on the belt.
+    """Measure the spots of a picture in millimetres on the belt.
 
     Spots with their centroid in ``area`` are kept. Pictures are cut to it and a margin, which shows
     a particle at its border whole.
 
     Parameters
     ----------
-    background, spots, calibration
-        From `average`, `Spots.calibrated` and `kilnflight.belt.camera.calibrate_camera`.
+    background
+        (rows, cols), from `average`.
+    spots
+        From `Spots.calibrated`.
+    calibration
+        From `kilnflight.belt.camera.calibrate_camera`.
+    area
+        Part of the belt in which spots are kept.
     """
 
     background: Picture
@@ -142,9 +157,10 @@ class MeasureSpots:
         return np.ascontiguousarray(self.background[self._window])
 
     def __call__(self, picture: Picture, frame: int = 0) -> Array:
-        """Return the columns of `kilnflight.tables.BELT_SPOTS` after the first, (n, 6).
+        """Return row, col, area (px), touching, x and y (mm) of each spot, (n, 6).
 
-        ``frame`` is for errors: a picture of another shape or type.
+        These are the columns of `kilnflight.tables.BELT_SPOTS` after the first. ``frame`` is named
+        in the error for a ``picture`` of another shape or type.
         """
         check_picture(picture, f"picture of frame {frame}", self.background.shape)
         found = self.spots(picture[self._window], self._empty)

@@ -113,7 +113,10 @@ def _stem(path: Path) -> str:
 
 
 def _cells(path: Path, header: int | None = 0) -> Array:
-    """Return the numbers of a CSV file, packed or not."""
+    """Return the numbers (rows, columns) of a CSV file, packed or not.
+
+    ``header`` is the line of the column names, None if there is none.
+    """
     try:
         return pd.read_csv(path, header=header).to_numpy(dtype=np.float64)
     except (OSError, ValueError, EOFError, BadZipFile, zlib.error, RuntimeError) as error:
@@ -121,7 +124,10 @@ def _cells(path: Path, header: int | None = 0) -> Array:
 
 
 def _pairs(cells: Array, path: Path) -> tuple[Index, Index, Array, Array]:
-    """Return row and column of all pairs of finite numbers, and both numbers of each."""
+    """Return row, pair of columns, and both numbers of each finite pair, (n,) each.
+
+    Columns 2 k and 2 k + 1 of ``cells`` (rows, columns) are pair k, one place or particle.
+    """
     if cells.shape[1] % 2:
         raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
     pairs = cells.reshape(len(cells), cells.shape[1] // 2, 2)
@@ -130,7 +136,7 @@ def _pairs(cells: Array, path: Path) -> tuple[Index, Index, Array, Array]:
 
 
 class BeltVelocity(NamedTuple):
-    """The step of particles from frame to frame."""
+    """Distance that particles move from frame to frame, from pairs of measurements."""
 
     px_per_frame: float  # median of the pairs in the peak
     spread_px: float  # 1.4826 times their median absolute deviation
@@ -139,12 +145,12 @@ class BeltVelocity(NamedTuple):
 
 
 def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVelocity:
-    """Return the step of particles along the belt in px per frame.
+    """Return the velocity of particles along the belt, in px per frame.
 
     No paper prints the velocity on the real belt, and recordings differ. Measurements in
     consecutive frames that lie side by side across the belt are mostly the same particle. Their
     distances along the belt are counted in bins. The highest bin, with its neighbours, is the
-    peak; the step is the median of the distances within a fifth of it. No tracker is needed, so
+    peak; the velocity is the median of the distances within a fifth of it. No tracker is needed, so
     the estimate can be a tracker's input.
 
     Parameters
@@ -181,9 +187,10 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
 
 
 def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
-    """Return the way along the belt of pairs in consecutive frames, and each pair's first row.
+    """Return the way along the belt of each pair and the pair's first row, (n,).
 
-    Both (n,), the way in px. Pairs are side by side: most of them are one particle seen twice.
+    Ways are in px. A pair is two measurements in consecutive frames, at most `BESIDE_PX` apart
+    across the belt: most pairs are one particle seen twice. ``measured`` has frame, x and y in px.
     """
     places = measured[["frame", "x", "y"]].reset_index(drop=True)
     after = places.assign(frame=places["frame"] - 1)

@@ -50,19 +50,20 @@ def constant_velocity(
     acceleration_mm_s2: float = 2000.0,
     belt_mm_s: float = BELT_VELOCITY_MM_S,
 ) -> Motion:
-    """Return the filter of section II.B.
+    """Return the motion model of section II.B: constant velocity, in mm and s.
 
     Parameters
     ----------
     frame_s
         Time between two frames in s.
     spread_mm
-        Standard deviation of a measurement. The default is a choice: that of rounding to whole
-        pixels of 0.44 mm, 0.44 / sqrt(12). See the notes.
+        Standard deviation of a measurement in mm. The default is a choice: that of rounding to
+        whole pixels of 0.44 mm, 0.44 / sqrt(12). See the notes.
     acceleration_mm_s2
-        Change of the velocity from frame to frame; the default is 0.2 g, a belt's drag.
+        Standard deviation of the mean acceleration in a frame, mm/s^2; the default is 0.2 g, a
+        belt's drag.
     belt_mm_s
-        Velocity of the belt.
+        Velocity of the belt in mm/s.
 
     Notes
     -----
@@ -82,7 +83,7 @@ def constant_velocity(
 
 @dataclass(frozen=True)
 class Appearance:
-    """Likelihoods by place on the belt that a track begins or is no longer observed.
+    """Likelihoods by place on the belt that a track begins or is not observed.
 
     Notes
     -----
@@ -105,22 +106,26 @@ class Appearance:
         return self.clutter / self.area.square_mm
 
     def new(self, places: Array) -> Array:
-        """Return the expected number of new tracks per mm^2 at places (m, 2) in mm."""
+        """Return the expected number of new tracks per frame and mm^2, (m,).
+
+        ``places`` (m, 2) are x and y in mm. Its -ln is the cost of Fig. 3's extra rows.
+        """
         density = self.arrivals / (self.entry_mm * self.area.width_mm)
         end = self.area.start_mm + self.entry_mm
         entry_share: Array = ndtr((end - places[:, 0]) / self.entry_blur_mm)
         return self.clutter_density + density * entry_share
 
     def unobserved_likelihood(self, places: Array, residual: Array) -> tuple[Array, Array]:
-        """Return the probabilities (n,) that tracks are not observed, and outside the area.
+        """Return the probability of no observation, and that of being outside, (n,).
 
-        A track is observed if it lies in the area and is not missed there. The first is at least
-        1e-12, so that its logarithm is finite.
+        A track is observed if it lies in the area and is not missed there. Otherwise it is outside
+        the area, or missed with probability `MISSED`. The first probability is the likelihood of
+        Fig. 3's extra columns. It is at least 1e-12, so that its logarithm is finite.
 
         Parameters
         ----------
         places
-            Predicted, (n, 2) in mm.
+            Predicted x and y of n tracks, (n, 2) in mm.
         residual
             S (n, 2, 2) in mm^2, covariance of a measurement; x and y are taken as independent.
         """
@@ -135,11 +140,11 @@ _MOTION, _APPEARANCE = constant_velocity(), Appearance()
 
 
 class Likelihoods(NamedTuple):
-    """Likelihoods of n tracks and m measurements of a frame, for their association (Fig. 3)."""
+    """Likelihoods of n tracks and m measurements of a frame (Fig. 3)."""
 
-    costs: Array  # (n, m), -ln of (1 - missed) N(z; prediction, S); inf outside the gate
-    unobserved: Array  # (n,), likelihood that a track is not observed
-    new: Array  # (m,), that a measurement starts a track, per mm^2 as are the pairs
+    costs: Array  # (n, m), -ln of (1 - MISSED) N(z; prediction, S) per mm^2; inf outside the gate
+    unobserved: Array  # (n,), probability that a track is not observed
+    new: Array  # (m,), likelihood per mm^2 that a measurement starts a track
     outside: Array  # (n,), probability that the prediction lies outside the area
 
     def detection(self) -> Integers:
@@ -148,14 +153,16 @@ class Likelihoods(NamedTuple):
         Notes
         -----
         In Fig. 3 each measurement has an extra row of its own, each track an extra column. So a
-        measurement without a track costs -ln ``new``. Subtracting this cost from the measurement's
-        pairs gives the same optimum from the (n, m) part alone.
+        measurement without a track costs -ln ``new`` (m,), and a track without a measurement -ln
+        ``unobserved`` (n,). A measurement that is paired saves its -ln ``new``. Subtracting it from
+        the ``costs`` of the measurement's pairs, that is adding ln ``new``, gives the same optimum
+        without the extra rows.
         """
         return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
 
 
 class Followed(NamedTuple):
-    """Tracks of a recording."""
+    """Tracks of a recording: a row per track and frame, and a row per track."""
 
     states: pd.DataFrame  # kilnflight.tables.BELT_STATES
     ends: pd.DataFrame  # kilnflight.tables.BELT_ENDS, and reason: LEFT, ..., RUNNING
@@ -163,12 +170,22 @@ class Followed(NamedTuple):
 
 @dataclass(frozen=True)
 class BeltTracker:
-    """Global nearest neighbour with likelihoods of appearing and leaving, and track scores.
+    """Track particles by global nearest neighbour with entries, exits and scores.
 
     A track's score is the log likelihood ratio of a particle against dirt (Blackman and Popoli,
     ch. 6). It starts with that of a new particle at this place. Each measurement adds
-    ln((1 - missed) N / clutter), each miss ln(unobserved). The track is valid from ln((1 - b) / a)
-    on. It is lost when the score falls below its best by more than ln((1 - a) / b).
+    ln((1 - `MISSED`) N / clutter density), each miss ln(unobserved). A track is valid from the
+    score `VALID_FROM` = ln((1 - b) / a) on. It is lost when the score falls below its best by more
+    than `LOST_BY` = ln((1 - a) / b). Here a is `FALSE_VALID` and b is `FALSE_LOST`.
+
+    Parameters
+    ----------
+    motion
+        Motion of particles in mm and s.
+    appearance
+        Tracked area, and where tracks begin and end.
+    frame_s
+        Time in s between two frames.
 
     Notes
     -----
@@ -189,8 +206,14 @@ class BeltTracker:
             Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside the area are
             ignored.
         frames
-            Number of frames of the camera, so that tracks may end after the last measurement; 0:
-            up to the last measurement.
+            Number of frames of the camera, so that tracks may end after the last measurement. The
+            last measurement's frame is the last one if that is later, as with 0.
+
+        Returns
+        -------
+        Followed
+            ``states``: `kilnflight.tables.BELT_STATES`, a row per track and frame. ``ends``:
+            `kilnflight.tables.BELT_ENDS` and ``reason``, a row per track.
 
         Raises
         ------
@@ -208,14 +231,19 @@ class BeltTracker:
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
     def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
-        """Yield the `Step` of each frame from the first measurement on, empty frames, too.
+        """Yield the `Step` of each frame from the first measurement on.
+
+        Frames without measurements have one, too. A step holds the m measurements of the frame,
+        their gated pairs with the n tracks, and weights (n, 1 + m). It also holds each
+        measurement's track (m,), and the tracks after the frame.
 
         Parameters
         ----------
         measured
-            Columns frame, x, y (mm).
+            Columns frame, x, y (mm); those outside the area are ignored.
         frames
-            Number of frames of the camera; 0: up to the last measurement.
+            Number of frames of the camera. Steps end with frame ``frames - 1`` or with the last
+            measurement, whichever is later; so 0 means the last measurement.
         """
         check_columns(measured, ["frame", "x", "y"], "measured")
         number = check_whole(measured["frame"], "measured: frame")
@@ -231,7 +259,7 @@ class BeltTracker:
         )
 
     def follow(self, frames: Iterable[Detected]) -> Iterator[Step]:
-        """Yield the step of each of `detections`, in order."""
+        """Yield the `Step` of each frame, given as `detections` by ascending number."""
         return follow(frames, self.motion, _GATE, self.associate, self.keeps, SCORES)
 
     def detections(self, number: int, places: Array, rows: Integers, frames: int = 1) -> Detected:
@@ -240,11 +268,24 @@ class BeltTracker:
         Parameters
         ----------
         number
-            Of the frame.
-        places, rows
-            (m, 2) in mm and (m,) in the table; those outside the area are ignored.
+            Number of the frame.
+        places
+            (m, 2) x and y in mm; those outside the area are ignored.
+        rows
+            (m,) rows of the measurements in their table.
         frames
-            Since the frame before: above 1 if others were lost.
+            Frames since the one before: above 1 if pictures were lost between them.
+
+        Returns
+        -------
+        Detected
+            Measurements in the area, sorted by x, then y, so that no result depends on the order
+            of the table.
+
+        Raises
+        ------
+        InputError
+            If two measurements are at one place.
         """
         kept = np.flatnonzero(self.appearance.area.contains(places))
         kept = kept[np.lexsort((places[kept, 1], places[kept, 0]))]
@@ -257,7 +298,7 @@ class BeltTracker:
         return Detected(inside, frame=number, span=self.frame_s * frames, rows=rows[kept])
 
     def likelihoods(self, detected: Detected, pairs: Pairs) -> Likelihoods:
-        """Return the likelihoods for the association of a frame."""
+        """Return the likelihoods of n tracks and m measurements, for their association."""
         unobserved, outside = self.appearance.unobserved_likelihood(pairs.expected, pairs.residual)
         logs = pairs.log_determinant + pairs.expected.shape[1] * np.log(2.0 * np.pi)
         costs = 0.5 * logs[:, None] - np.log(1.0 - MISSED) + 0.5 * pairs.distance_squared
@@ -266,7 +307,11 @@ class BeltTracker:
     def associate(
         self, tracks: Tracks, detected: Detected, pairs: Pairs
     ) -> tuple[Array, ExtraColumns, ExtraColumns]:
-        """Return weights of 0 and 1, and the scores, `SCORES`, of tracks and of new ones."""
+        """Return the weights of a frame, and the scores of tracks and of new tracks.
+
+        Weights (n, 1 + m) are 0 or 1; column 0 is "missed". Scores are the columns `SCORES`, (n,)
+        of the tracks and (m,) of those that the measurements would start. `follow` calls it.
+        """
         likelihoods = self.likelihoods(detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
         detection = likelihoods.detection()
@@ -277,12 +322,18 @@ class BeltTracker:
         return one_hot(detection, len(first)), scores, _scores(first, first, np.zeros_like(first))
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
-        """Return whether each track is measured, or neither outside nor lost."""
+        """Return whether each track (n,) lives on: measured, or neither outside nor lost.
+
+        ``frame`` is not used; `follow` passes it.
+        """
         lost = tracks["best"] - tracks["score"] > LOST_BY
         return (tracks["row"] >= 0) | ~((tracks["outside"] > 0.5) | lost)
 
     def reasons(self, tracks: Tracks) -> npt.NDArray[np.str_]:
-        """Return why each track ends after its last step: `LEFT`, ..., `RUNNING`."""
+        """Return why each track (n,) ends after its last step.
+
+        One of `LEFT`, `BACK`, `SIDEWAYS`, `LOST`, or `RUNNING` if it lives on.
+        """
         area = self.appearance.area
         x, y = tracks["state"][:, :2].T
         sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
@@ -292,6 +343,7 @@ class BeltTracker:
         return np.where(self.keeps(tracks, 0), RUNNING, reason)
 
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
+        """Return BELT_ENDS and ``reason`` of tracks (rows,) in the frames (rows,)."""
         order = np.lexsort((frame, tracks["particle"]))
         last = order[np.append(np.diff(tracks["particle"][order]) != 0, True)]
         ended = tracks[last]
@@ -301,11 +353,13 @@ class BeltTracker:
 
 
 def _scores(score: Array, best: Array, outside: Array) -> ExtraColumns:
+    """Return the columns `SCORES` (n,) after a frame; ``best`` (n,) is from before."""
     best = np.maximum(best, score)
     return {"score": score, "best": best, "valid": best >= VALID_FROM, "outside": outside}
 
 
 def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
+    """Return BELT_STATES of tracks (rows,) in the frames (rows,)."""
     state = np.zeros((len(frame), 6))
     state[:, : tracks["state"].shape[1]] = tracks["state"]
     valid = tracks["valid"].astype(np.int64)

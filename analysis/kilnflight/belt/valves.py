@@ -20,7 +20,7 @@ Events = tuple[Integers, Array, Array]  # valve, times in s of the commands to o
 
 
 class Separation(NamedTuple):
-    """Which of n particles are hit, and which were to be. A share of nothing is NaN."""
+    """Which of n particles are hit, and which were to be; a share of none is NaN."""
 
     hit: Flags  # (n,), was at a valve while it was open
     chosen: Flags  # (n,), was to be blown out
@@ -61,7 +61,7 @@ class ValveBar:
 
     @property
     def pitch_mm(self) -> float:
-        """The way from one valve to the next."""
+        """The distance from one valve to the next."""
         return self.belt_mm / self.valves
 
     @property
@@ -76,10 +76,10 @@ class ValveBar:
         return self.belt_mm / 2 + self.pitch_mm * steps
 
     def windows(self, predicted: pd.DataFrame) -> Events:
-        """Return valve, opening and closing command (n,) of each prediction that opens one.
+        """Return valve, opening and closing command of each prediction, (n,) each.
 
-        ``predicted`` is `kilnflight.tables.BELT_PREDICTED`. Where time or place is NaN, no valve
-        opens.
+        Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`; rows whose
+        time or place is NaN open no valve and are left out.
         """
         time, y = predicted["time_s"].to_numpy(), predicted["y"].to_numpy()
         known = np.isfinite(time) & np.isfinite(y)
@@ -88,9 +88,11 @@ class ValveBar:
         return valve, middle - self.open_s / 2, middle + self.open_s / 2
 
     def events(self, predicted: pd.DataFrame) -> Events:
-        """Return the merged windows by valve and time, all predictions known in advance.
+        """Return valve, opening and closing command of the merged windows, (k,) each.
 
-        `kilnflight.belt.online.ValveSchedule` takes predictions as they become known.
+        They are sorted by valve and time (s), and all predictions are known in advance.
+        ``predicted`` is `kilnflight.tables.BELT_PREDICTED`. `kilnflight.belt.online.ValveSchedule`
+        takes predictions as they become known.
         """
         valve, opens, closes = self.windows(predicted)
         order = np.lexsort((opens, valve))
@@ -101,7 +103,10 @@ class ValveBar:
         return valve[first], opens[first], closes[np.roll(first, -1)]
 
     def are_apart(self, close_s: npt.ArrayLike, open_s: npt.ArrayLike) -> Flags:
-        """Return whether a valve may close and open again, by the times of these commands."""
+        """Return whether a valve may close at ``close_s`` and open again at ``open_s``.
+
+        Both are times of commands in s, of one shape.
+        """
         pause = np.subtract(open_s, close_s)
         return np.asarray((pause > 0) & (pause >= self.dead_s))
 
@@ -111,9 +116,9 @@ class ValveBar:
         Parameters
         ----------
         events
-            Of `events`.
+            From `events`: sorted by valve and time, and not overlapping.
         time_s, y
-            True time and place (mm) of each particle at the valves, (n,) each.
+            True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
         hit, valve = np.zeros(len(time_s), dtype=bool), events[0]
         if not len(valve) or not len(hit):
@@ -134,7 +139,7 @@ class ValveBar:
         return hit
 
     def _nearest(self, y: Array) -> Integers:
-        """Return the valve whose middle is nearest to places across the belt, (n,)."""
+        """Return the valve (n,) whose middle is nearest to each place (n,) in mm."""
         steps = (y - self.middles_mm[0]) / self.pitch_mm
         return np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
 

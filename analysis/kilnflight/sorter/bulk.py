@@ -17,8 +17,8 @@ class Bulk:
     shape
         ``sphere``, ``cylinder`` or ``box``.
     half_mm
-        Radius; radius and half of the height; half edges, the shortest last, so that a box lies
-        on its largest face.
+        Of a sphere: radius. Of a cylinder: radius, half of the height. Of a box: half edges, the
+        shortest last, so that it lies on its largest face.
     count
         Particles in 0.2 kg (2020 paper, section 4).
     """
@@ -34,7 +34,7 @@ class Bulk:
 
     @property
     def outline_mm(self) -> npt.NDArray[np.float64]:
-        """Half length, half width and corner radius of a lying particle, seen from above."""
+        """Half length, half width and corner radius (3,), seen from above, lying."""
         if self.shape == "sphere":
             return np.repeat(self.half_mm, 3)
         along, across = self.half_mm[:2]

@@ -57,8 +57,9 @@ class FrictionBelt:
     steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms
 
     def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Simulate and return `kilnflight.tables.BELT_TRACKS`.
+        """Simulate the particles and return their tracks.
 
+        They are `kilnflight.tables.BELT_TRACKS`, a row per particle and sample up to ``end_mm``.
         The same generator state gives the same tracks.
         """
         state = self._feed(generator)
@@ -76,7 +77,7 @@ class FrictionBelt:
         return pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
 
     def _feed(self, generator: np.random.Generator) -> _State:
-        """Return the particles as they reach the belt."""
+        """Return the particles as they reach the belt, n of them drawn at random."""
         n = self.particles
         first = self.velocity_mm_s / self.sampling_hz  # first seen within one frame's way
         x = self.start_mm + generator.uniform(0.0, first, n)
@@ -91,7 +92,7 @@ class FrictionBelt:
         return _State(np.column_stack([x, y]), velocity, rolling, across_axis)
 
     def _step(self, state: _State, generator: np.random.Generator) -> None:
-        """Advance by one integration step, in place."""
+        """Advance the particles by one integration step, in place."""
         step = 1.0 / (self.sampling_hz * self.steps_per_sample)
         slip = state.velocity + state.rolling - np.array([self.belt_mm_s, 0.0])
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
@@ -134,6 +135,7 @@ class _State:
 def _material(
     name: str, velocity: float, spread: float, lateral_spread: float, **rolling: Any
 ) -> FrictionBelt:
+    """Return a material's belt; velocities and spreads of the feed are in mm/s."""
     start: dict[str, Any] = {"velocity_mm_s": velocity, "velocity_spread_mm_s": spread}
     start |= {"lateral_spread_mm_s": lateral_spread}
     return FrictionBelt(particles=BULKS[name].count, **start, **rolling)

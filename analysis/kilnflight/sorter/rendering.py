@@ -43,7 +43,7 @@ class CameraView:
     tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
 
     def pixels(self, places: Array) -> Array:
-        """Return row and col (n, 2) of places (n, 3).
+        """Return row and col in px (n, 2) of places (n, 3).
 
         A place is x, y and height above the belt in mm.
         """
@@ -63,7 +63,7 @@ _VIEW = CameraView()
 
 @dataclass(frozen=True)
 class Pictures:
-    """Pictures of tracks, one per frame of the camera.
+    """Synthetic pictures (rows, cols) of tracks, one per frame of the camera.
 
     ``pictures[k]`` renders frame k.
 
@@ -110,9 +110,11 @@ class Pictures:
             yield _rounded(picture, noise, np.float32(self.noise_gray))
 
     def _outlines(self, visible: pd.DataFrame) -> Array:
-        """Return row, col, direction, half length, half width, corner and way in px, (n, 8).
+        """Return the outline (n, 8) of each particle in the picture.
 
-        The way, down and right, is that of the exposure.
+        Columns are row, col, direction (rad, from right to down), half length, half width, corner
+        radius, and the way during the exposure, down and right. Lengths are in px. ``visible`` has
+        a row per particle and frame.
         """
         x, y, angle = visible["x"].to_numpy(), visible["y"].to_numpy(), self._angles(visible)
         height = np.full(len(visible), self.bulk.rest_mm)
@@ -126,14 +128,14 @@ class Pictures:
         return np.column_stack([middle, direction, scale[:, None] * self.bulk.outline_mm, way])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
-        """Return the direction of each row; where none is known, one drawn per particle."""
+        """Return each row's direction (n,) in rad; if unknown, one drawn per particle."""
         if "angle_rad" in visible.columns:
             return visible["angle_rad"].to_numpy(np.float64)
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
         return np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))[which]
 
     def _empty(self) -> npt.NDArray[np.float32]:
-        """Return the belt without particles, its edges soft."""
+        """Return the picture (rows, cols) of the belt without particles, its edges soft."""
         shape = self.view.rows, self.view.cols
         row, col = np.ogrid[: shape[0], : shape[1]]
         corners = self.view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
@@ -148,9 +150,10 @@ class Pictures:
         return (picture + 2.0 * texture).astype(np.float32)
 
     def _draw(self, picture: npt.NDArray[np.float32], outlines: Array) -> None:
-        """Draw rectangles with round corners; where two overlap the later one is on top.
+        """Draw rectangles with round corners into a picture (rows, cols), in place.
 
-        Each is the mean of its places during the exposure, at most a pixel apart.
+        ``outlines`` (n, 8) are from `_outlines`; where two overlap the later one is on top. Each is
+        the mean of its places during the exposure, at most a pixel apart.
         """
         for row, col, angle, length, width, corner, down, ahead in outlines.tolist():
             reach = math.hypot(length - corner, width - corner) + corner + self.soft_px + 1.0
@@ -176,10 +179,13 @@ def _cover(
     count: int,
     gray: float,
 ) -> None:
-    """Mix the grey value of one particle into a window that begins at pixel ``first``, in place.
+    """Mix the grey value of one particle into a window of a picture, in place.
 
-    ``sizes`` are half length and half width without the corner, and the corner. Shares are of
-    single precision, as the plain definition in the tests has them.
+    The window ``part`` (rows, cols) begins at pixel ``first``, row and col. ``place`` is row, col
+    and the way during the exposure, down and right, in px; the particle is drawn at ``count``
+    places on it. ``turn`` is cosine and sine of its direction. ``sizes`` are half length and half
+    width without the corner radius, and that radius, in px. Shares are of single precision, as the
+    plain definition in the tests has them.
     """
     row, col, down, ahead = place
     c, s, soft = np.float32(turn[0]), np.float32(turn[1]), np.float32(soft_px)
@@ -208,7 +214,10 @@ def _cover(
 
 @njit(cache=True)
 def _rounded(picture: Single, noise: Single, noise_gray: np.float32) -> Picture:
-    """Return a picture with noise, in whole grey values."""
+    """Return a picture (rows, cols) with noise, in whole grey values from 0 to 255.
+
+    ``noise`` (rows, cols) has standard deviation 1, ``noise_gray`` scales it to grey values.
+    """
     rounded = np.empty(picture.shape, np.uint8)
     for i in range(picture.shape[0]):
         for j in range(picture.shape[1]):
@@ -218,19 +227,27 @@ def _rounded(picture: Single, noise: Single, noise_gray: np.float32) -> Picture:
 
 
 def _velocities(visible: pd.DataFrame) -> Array:
-    """Return the velocities (n, 2) to a particle's next row in mm/s; 0 for a single row."""
+    """Return each row's velocity (n, 2) in mm/s, x and y, to the particle's next row.
+
+    A particle's last row has that of the row before it, a single row 0.
+    """
     step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
     rates = step[["x", "y"]].div(step["time_s"], axis=0).groupby(visible["particle"]).ffill()
     return rates.fillna(0.0).to_numpy()
 
 
 def _blend(picture: npt.NDArray[np.float32], gray: float, share: Array) -> None:
-    """Mix a share (0 to 1, cut off) of a grey value into a picture, in place."""
+    """Mix a share of a grey value into a picture, both (rows, cols), in place.
+
+    The share is clipped to 0 to 1.
+    """
     picture += share.clip(0.0, 1.0) * (gray - picture.astype(np.float64))
 
 
 def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
-    """Return the rows at the times of a slower camera, with its frames.
+    """Return the rows of tracks at the times of a slower camera, with its frames.
+
+    ``tracks`` is `kilnflight.tables.BELT_TRACKS`, as is the result, by particle and frame.
 
     Raises
     ------
