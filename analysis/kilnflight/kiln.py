@@ -395,6 +395,6 @@ def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> 
 
 @lru_cache(maxsize=1)  # a study reads one recording's flights several times
 def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
-    """Return the median (rows, cols) of `EMPTY_FRAMES` pictures, evenly in ``frames``."""
+    """Return the median (rows, cols) of `EMPTY_FRAMES` pictures over ``frames``."""
     steps = np.linspace(frames.start, frames.stop - 1, EMPTY_FRAMES).round().astype(int)
     return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])

@@ -108,6 +108,7 @@ def _area_peaks(area: Single, prominence: float) -> Array:
 
 @numba.njit(cache=True)
 def _root(parent: Whole, pixel: int) -> int:
+    """Return the root of a pixel's hill; ``parent`` (pixels,) is that of `_area_peaks`."""
     while parent[pixel] != pixel:
         parent[pixel] = parent[parent[pixel]]
         pixel = parent[pixel]
@@ -116,6 +117,7 @@ def _root(parent: Whole, pixel: int) -> int:
 
 @numba.njit(cache=True)
 def _border_median(area: Single) -> float:
+    """Return the median of the outermost pixels of an area (rows, cols), each once."""
     sides = np.concatenate((area[0], area[-1], area[1:-1, 0], area[1:-1, -1]))
     return float(np.median(sides))
 

@@ -177,7 +177,10 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class InAir:
-    """Classify points as in the air or on the wall (section 5.1.4)."""
+    """Classify points by their distance from the axis (section 5.1.4).
+
+    Up to ``threshold_mm`` they are in the air, beyond it on the wall. `crossing` finds a threshold.
+    """
 
     threshold_mm: float = 800.0  # sec. 5.1.4; the Gaussians of Fig. 3.11 cross at about 760
 
@@ -235,7 +238,8 @@ def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array
     # A larger circle is flatter over the cloud than the maximum distance: as good as a plane.
     flat = width**2 / (8 * MAX_DISTANCE_MM)
     usable = (radii > MAX_DISTANCE_MM) & (radii < flat)
-    # A good direction keeps the ends of the cloud within the maximum distance.
+    # Share of the directions that keep the ends of the cloud within the maximum distance. A trial
+    # is good with this probability, times that of three inliers.
     half_length = max(float(np.quantile(np.abs(local[:, 2]), 0.95)), 1e-9)
     good = (1 - np.cos(min(MAX_DISTANCE_MM / half_length, _WIDEST))) / (1 - np.cos(_WIDEST))
     least, best, share, tried = np.inf, -1, 0.0, 0
@@ -329,6 +333,7 @@ def _refine(
     def cost(inliers: Array, unknown: Array) -> Array:
         return _residuals(inliers, *cylinder(unknown))
 
+    # The inverse of that map has no value at the border of the cone, so the start is inside it.
     tilt = _ACROSS @ direction / direction[2] / widest
     tilt *= min(1.0, 0.9 / max(float(np.linalg.norm(tilt)), 0.9))
     unknown = np.array([*(tilt / np.sqrt(1 - tilt @ tilt)), 0.0, 0.0, 1.0])
