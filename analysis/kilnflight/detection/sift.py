@@ -82,11 +82,11 @@ class DoG:
 
     Notes
     -----
-    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright blob
-    is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also names, are gaps
-    between particles in |frame - background| and are left out. The threshold applies to the
-    difference itself, neither divided by the number of layers (as in OpenCV) nor scaled by the
-    range of the grey values. A sample below half of it is not fitted, as in OpenCV.
+    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright blob is
+    the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also names, are gaps between
+    particles in the absolute difference of frame and background, and are left out. The threshold
+    applies to the difference itself, neither divided by the number of layers (as in OpenCV) nor
+    scaled by the range of the grey values. A sample below half of it is not fitted, as in OpenCV.
 
     The thesis starts from the original image, which finds blobs with a radius from about 2.8 px.
     Lowe doubles it first: pass the image at twice its size and twice the ``camera_blur``. The
@@ -187,8 +187,9 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 
     A line is ``size`` consecutive elements of ``source`` (n,): an image, row after row, float32.
     Lines j px before and after it begin at the elements ``low[j]`` and ``high[j]``, (1 + r,) each;
-    ``low[0]`` is its own. ``weights`` (1 + r,) are those of `_taps`. Three pairs at a time save
-    reads and writes; the order of the sum may not change, as it decides the last bit.
+    ``low[0]`` is its own, ``high[0]`` is not read. ``weights`` (1 + r,) are those of `_taps`. Three
+    pairs at a time save reads and writes; the order of the sum may not change, as it decides the
+    last bit.
     """
     size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
     centre, weight = source[low[0] : low[0] + size], weights[0]
