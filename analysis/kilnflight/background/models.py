@@ -170,7 +170,10 @@ class Mean(WindowModel):
 
 
 def _mean(held: HeldFrames, t: int, window: int) -> _Image:
-    """Return the mean (rows, cols) of the frames around frame t, without itself."""
+    """Return the mean (rows, cols) of the frames around frame t, without itself.
+
+    It is the background of `Mean`, and B_0 of `Adaptive` (Eq. 2.7).
+    """
     around = surrounding(t, window, held.length)
     held.fetch(around)
     total = np.zeros(held.shape)  # of differences: a still recording equals its mean

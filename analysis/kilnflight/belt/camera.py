@@ -39,7 +39,10 @@ def check_picture(picture: object, where: str, shape: Sequence[int] | None = Non
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle of the belt in the coordinates of the tracks; y runs from 0."""
+    """A rectangle of the belt in the coordinates of the tracks.
+
+    x is along the belt, from ``start_mm`` to ``end_mm``; y is across it, from 0 to ``width_mm``.
+    """
 
     start_mm: float = BELT_START_MM
     end_mm: float = BELT_EDGE_MM
@@ -61,7 +64,7 @@ class Area:
         return (self.end_mm - self.start_mm) * self.width_mm
 
     def contains(self, places: Array) -> Flags:
-        """Return which places (n, 2), x and y, lie in it."""
+        """Return whether each place (n, 2), x and y in mm, lies in it or on its border."""
         x, y = places.T
         return (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
 

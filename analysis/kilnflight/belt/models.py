@@ -50,7 +50,7 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 
 @dataclass(frozen=True)
 class _Model:
-    """A model of the arrival; its parameter, if any, is NaN until it is calibrated."""
+    """A model of the arrival; a parameter to calibrate is NaN until then."""
 
     @property
     def name(self) -> str:
@@ -77,7 +77,7 @@ def _take(columns: Columns, where: str, *names: str) -> list[Array]:
 
 
 class ArrivalModel(_Model, ABC):
-    """A model of when a particle reaches a place."""
+    """A model of when a particle reaches a place along the belt (2020, sec. 4.1)."""
 
     def __call__(self, last: Columns, target_mm: float) -> Array:
         """Return the predicted time of arrival at ``x = target_mm`` in s, (n,).
@@ -197,7 +197,10 @@ class CV(ArrivalModel):
 
 @dataclass(frozen=True)
 class CVBC(CV):
-    """Constant velocity, bias-corrected by the calibration particles' median error."""
+    """Constant velocity with a correction of its bias (Eq. 3, sec. 4.1).
+
+    The bias is the median of true minus CV time over the calibration particles.
+    """
 
     bias_s: float = np.nan  # t_BC: median of true minus CV time
 
@@ -251,7 +254,10 @@ class CALV(ArrivalModel):
 
 @dataclass(frozen=True)
 class IA(ArrivalModel):
-    """Identical acceleration: own velocity, one acceleration for all particles."""
+    """Identical acceleration: one for all particles, each with its velocity (Eq. 5).
+
+    It is the median of those that would have predicted the calibration particles exactly.
+    """
 
     acceleration_mm_s2: float = np.nan  # median of the optimal ones
 
@@ -265,7 +271,7 @@ class IA(ArrivalModel):
 
 
 class LateralModel(_Model, ABC):
-    """A model of where across the belt a particle arrives."""
+    """A model of where across the belt a particle arrives (2020, sec. 4.2)."""
 
     def __call__(self, last: Columns, remaining_s: Array) -> Array:
         """Return the predicted lateral position of arrival in mm, (n,).
@@ -336,7 +342,10 @@ class LateralCA(LateralModel):
 
 @dataclass(frozen=True)
 class CADSC(LateralCA):
-    """Constant acceleration without sign changes: a particle that has stopped stays."""
+    """Constant acceleration without sign changes (Eq. 7, sec. 4.2).
+
+    The lateral velocity keeps its sign: a particle that has stopped across the belt stays.
+    """
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         stops = np.full_like(velocity, np.inf)
@@ -347,7 +356,11 @@ class CADSC(LateralCA):
 
 @dataclass(frozen=True)
 class Ratio(LateralModel):
-    """One share of the lateral velocity stays; the rest is lost at a constant rate."""
+    """One share of the lateral velocity stays; the rest is lost at a constant rate.
+
+    Acceleration of Eq. 7: -(1 - share) times the last velocity, by the time to the arrival. So the
+    model needs no acceleration of the particle's own.
+    """
 
     share: float = np.nan  # r: median of arrival velocity over last velocity
 

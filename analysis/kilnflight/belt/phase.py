@@ -135,7 +135,10 @@ class PredictionPhase:
 
 
 def _check_frames(table: pd.DataFrame) -> None:
-    """Raise an `InputError` for two rows in one frame or uneven times."""
+    """Raise an `InputError` for two rows of a particle in one frame or uneven times.
+
+    ``table`` is BELT_TRACKS by particle and frame. Velocities by parabola need even times.
+    """
     steps = table.groupby("particle")[["frame", "time_s"]].diff().to_numpy()
     frames, seconds = steps[~np.isnan(steps[:, 0])].T
     if (frames == 0).any():

@@ -67,7 +67,11 @@ def read_dem(path: Path) -> pd.DataFrame:
 
 
 def list_recordings(folder: Path) -> dict[str, list[Path]]:
-    """Return the files of measured positions in a folder by material, packed or not."""
+    """Return the files of measured positions in a folder by material, sorted.
+
+    Keys are those of `MATERIAL_FOLDERS` that have files. Of a file that is there packed and
+    unpacked, the unpacked one is returned.
+    """
     files = {}
     for name, part in MATERIAL_FOLDERS.items():
         every = [

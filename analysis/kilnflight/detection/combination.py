@@ -178,7 +178,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
 
 
 class View(NamedTuple):
-    """Images and points of one frame."""
+    """Images and points of one frame, as `Combination` takes them."""
 
     gray: Integers  # (rows, cols)
     previous: Integers  # (rows, cols), the frame before

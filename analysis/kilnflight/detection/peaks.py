@@ -108,7 +108,7 @@ def _area_peaks(area: Single, prominence: float) -> Array:
 
 @numba.njit(cache=True)
 def _root(parent: Whole, pixel: int) -> int:
-    """Return the root of a pixel's hill; ``parent`` (pixels,) is that of `_area_peaks`."""
+    """Return the root of a pixel's hill; ``parent`` (pixels,) are disjoint sets."""
     while parent[pixel] != pixel:
         parent[pixel] = parent[parent[pixel]]
         pixel = parent[pixel]
@@ -155,7 +155,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _extremes(area: Single) -> tuple[float, Single]:
-    """Return the lowest value of an area (rows, cols) and the highest of each row."""
+    """Return the lowest value of an area (rows, cols) and each row's highest (rows,)."""
     least, highest = area[0, 0], area[:, 0].copy()
     for row in range(area.shape[0]):
         line, low, high = area[row], area[row, 0], area[row, 0]

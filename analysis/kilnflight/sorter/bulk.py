@@ -34,7 +34,7 @@ class Bulk:
 
     @property
     def outline_mm(self) -> npt.NDArray[np.float64]:
-        """Half length, half width and corner radius (3,), seen from above, lying."""
+        """Half length, half width and corner radius (3,) in mm, lying, from above."""
         if self.shape == "sphere":
             return np.repeat(self.half_mm, 3)
         along, across = self.half_mm[:2]

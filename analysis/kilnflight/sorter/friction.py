@@ -77,7 +77,10 @@ class FrictionBelt:
         return pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
 
     def _feed(self, generator: np.random.Generator) -> _State:
-        """Return the particles as they reach the belt, n of them drawn at random."""
+        """Return the particles as they reach the belt: places, velocities and rolling.
+
+        They are drawn at random, evenly across the belt and by the spreads of the velocity.
+        """
         n = self.particles
         first = self.velocity_mm_s / self.sampling_hz  # first seen within one frame's way
         x = self.start_mm + generator.uniform(0.0, first, n)
@@ -92,7 +95,11 @@ class FrictionBelt:
         return _State(np.column_stack([x, y]), velocity, rolling, across_axis)
 
     def _step(self, state: _State, generator: np.random.Generator) -> None:
-        """Advance the particles by one integration step, in place."""
+        """Advance the particles by one integration step, in place.
+
+        Friction changes velocity and rolling, as the module's docstring says; then rolling slows
+        down, and some particles get a random kick.
+        """
         step = 1.0 / (self.sampling_hz * self.steps_per_sample)
         slip = state.velocity + state.rolling - np.array([self.belt_mm_s, 0.0])
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
