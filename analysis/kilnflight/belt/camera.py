@@ -183,12 +183,12 @@ def _crossing(height: Array, steps: Array) -> Array:
     """Return where each of n profiles crosses zero, in px along it (n,).
 
     ``height`` (n, s) are grey values minus that of the edge, ``steps`` (s,) the places of samples
-    along a profile, evenly spaced in px. NaN unless a profile crosses once.
+    along a profile, evenly spaced in px. NaN without a crossing or with two far apart.
     """
     sign = height > 0
     changes = sign[:, 1:] != sign[:, :-1]
     first = changes.argmax(axis=1)
-    # A noisy edge may cross several times within two pixels; farther apart, something hides it.
+    # A noisy edge may cross several times within four samples; farther apart, something hides it.
     last = changes.shape[1] - 1 - changes[:, ::-1].argmax(axis=1)
     once = changes.any(axis=1) & (last - first <= 4) & (sign[:, 0] != sign[:, -1])
     rows = np.arange(len(height))

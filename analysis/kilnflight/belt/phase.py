@@ -212,13 +212,20 @@ def observe_followed(
     Parameters
     ----------
     followed
-        From `kilnflight.belt.tracker.BeltTracker`, whose area covers the target.
+        From `kilnflight.belt.tracker.BeltTracker`, whose area reaches beyond the target.
     measured
-        The tracker's measurements: x, y in mm, a row for each ``row`` of its states.
+        The table given to the tracker (frame, x and y in mm), in the same order: ``row`` of a
+        state is a row of it, or -1 in a frame without a measurement.
     phase
-        Start and target; `PredictionPhase.observe` leaves tracks out.
+        Start and target. Particles that miss either are left out.
     frame_s
         Time in s between two frames.
+
+    Returns
+    -------
+    Observed
+        Its ``last`` are filtered states, what a prediction starts from. Its arrivals come from
+        the measured places, so that the filter does not judge itself.
     """
     states = followed.states[followed.states["row"] >= 0]
     states = states.assign(time_s=states["frame"] * frame_s)

@@ -6,8 +6,8 @@ not on the belt.
 
 A recording ``NNN.csv`` (or ``.csv.gz``) has a row per frame: its number, the number of measured
 midpoints, and x, y of each in pixels, then NaN. ``NNN_trackHistory_NothingDeleted.csv`` has one
-pair of columns for each of the authors' tracks. The belt runs along y. Neither the frame rate nor
-the size of a pixel is given.
+pair of columns for each of the authors' tracks. In the files the belt runs along y; in our tables
+it runs along x. Neither the frame rate nor the size of a pixel is given.
 """
 
 from __future__ import annotations
@@ -191,10 +191,11 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
 
 
 def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
-    """Return the way along the belt of each pair and the pair's first row, (n,).
+    """Return displacements along the belt in px, and the row in ``measured`` of each start, (n,).
 
-    Ways are in px. A pair is two measurements in consecutive frames, at most `BESIDE_PX` apart
-    across the belt: most pairs are one particle seen twice. ``measured`` has frame, x and y in px.
+    Each measurement is paired with those of the next frame that are at most `BESIDE_PX` off across
+    the belt (y) and `LEAST_PX` to `MOST_PX` ahead (x). Most pairs are one particle seen twice, so
+    the displacements show the belt's velocity. ``measured`` has frame, x and y in px.
     """
     places = measured[["frame", "x", "y"]].reset_index(drop=True)
     after = places.assign(frame=places["frame"] - 1)

@@ -57,10 +57,12 @@ class FrictionBelt:
     steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms
 
     def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Simulate the particles and return their tracks.
+        """Simulate particles that slide or roll along the belt; return `BELT_TRACKS`.
 
-        They are `kilnflight.tables.BELT_TRACKS`, a row per particle and sample up to ``end_mm``.
-        The same generator state gives the same tracks.
+        A row is a particle and a sample: frame, particle, time in s, x and y in mm, up to
+        ``end_mm`` or 20 s. Particles do not touch each other. So all are moved from one start, and
+        then shifted to random times of entry within ``feed_s``. The same generator state gives the
+        same tracks.
         """
         state = self._feed(generator)
         entry = np.sort(generator.uniform(0.0, self.feed_s, self.particles))

@@ -258,14 +258,16 @@ class Overlap(NamedTuple):
 
     common: Integers  # number of common frames
     distance: Array  # mean distance in the common frames, px; infinite without any
-    until: Integers  # index of the point in `Paths` after the earlier one's last used point
-    since: Integers  # index of the first point used of the later one
+    until: Integers  # past the earlier one's last point to connect: its first common frame's
+    since: Integers  # the later one's first point to connect: its last common frame's
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
-    """Return the overlap in time of p pairs of tracklets.
+    """Return the common frames of p pairs of tracklets, and where to cut both to connect them.
 
-    ``i`` (p,) are the earlier tracklets, ``k`` (p,) the later ones, as indices in ``paths``.
+    ``i`` (p,) are the tracklets that start earlier, ``k`` (p,) the later ones, as indices in
+    ``paths``. ``until`` and ``since`` are indices of its points. Without a common frame, the
+    earlier one ends before the later one starts, and the later one starts after the earlier ends.
     """
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
