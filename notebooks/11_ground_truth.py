@@ -29,7 +29,8 @@ from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, paths, style
 from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.twin import scenes, truth
-from kilnflight.twin.fitted import second_kiln
+from kilnflight.twin.feeding import LABELLED
+from kilnflight.twin.geometry import Geometry
 
 style.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
@@ -46,7 +47,7 @@ twins = {name: scenes.cached_scene(name, seed) for name in names}
 seen = [
     truth.sightings(twin, t).assign(subset=name)
     for name, twin in twins.items()
-    for t in scenes.LABELLED[:frames]
+    for t in LABELLED[:frames]
 ]
 labelled = pd.concat(seen).query("visible")
 counts = labelled.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
@@ -76,7 +77,7 @@ figures.save("table-5-3-ground-truth", shares, caption=caption, provenance=origi
 
 # %% tags=["hide-input"]
 twin = twins[names[0]]
-frame = twin.frame(scenes.LABELLED[0])
+frame = twin.frame(LABELLED[0])
 size = {"width_mm": style.PAGE_MM, "height_mm": 72}
 picture, ((left, right),) = style.canvas(1, 2, **size)
 left.imshow(frame.gray, cmap="gray", vmin=0, vmax=65_535, interpolation="bilinear")
@@ -104,7 +105,7 @@ figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption,
 # ## Sizes and distances (Figs 3.12 and 5.7)
 
 # %%
-clouds = [calibrated_cloud(twin, scenes.LABELLED[0]) for twin in twins.values()]
+clouds = [calibrated_cloud(twin, LABELLED[0]) for twin in twins.values()]
 near = np.concatenate([k_distances(cloud, 2) for cloud in clouds])  # the first is the point itself
 steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()]
 radius = labelled["radius_px"].to_numpy()
@@ -139,7 +140,7 @@ figures.save("fig-3-12-radius", table, picture=picture, caption=caption, provena
 # The infrared frame is simulated with a known profile: hottest 1 m before the lance.
 
 # %%
-place = second_kiln().geometry
+place = Geometry()
 row, column = np.indices((place.rows, place.columns), dtype=float)
 wall = place.to_kiln(place.unproject(row, column, place.wall_depth(row, column)))
 noise = np.random.default_rng(seed).normal(0, 4, row.shape)

@@ -30,8 +30,8 @@ from kilnflight.experiments.flights import box
 from kilnflight.project import figures, style
 from kilnflight.scores.flights import METRES
 from kilnflight.twin import truth
-from kilnflight.twin.fitted import second_kiln
-from kilnflight.twin.flight import ENDS
+from kilnflight.twin.flights import ENDS, LONGEST_S, released
+from kilnflight.twin.geometry import Geometry
 
 SHOWN = 40  # flights of each fraction
 
@@ -42,10 +42,22 @@ origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": par
 results = campaigns.results(scale, seed, jobs)
 bar = max(pressure for _, pressure in results.true)
 names = list(dict.fromkeys(name for name, _ in results.true))
-kiln = second_kiln()
-flown = {name: truth.released(name, bar, kiln, particles, seed + 55) for name in names}
+flown = {name: released(name, bar, Geometry(), particles, seed + 55) for name in names}
 simulated = {(name, bar): truth.true_flight_values(each) for name, each in flown.items()}
 sources = {"simulated": simulated, "measured": {key: results.measured[key] for key in simulated}}
+
+# %%
+age = np.arange(0.0, LONGEST_S, 0.004)[:, None]  # s
+
+
+def sampled(flights, what):
+    """Return positions or velocities (n, samples, 3), NaN after the end of a flight."""
+    values = what(age + np.zeros(len(flights.end_s)))
+    values[age[:, 0, None] > flights.end_s] = np.nan
+    return values.swapaxes(0, 1)
+
+
+paths = {name: sampled(each, each.position) for name, each in flown.items()}
 
 # %% [markdown]
 # ## Simulated trajectories
@@ -55,7 +67,7 @@ picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 70 / 25.4))
 plt.close(picture)
 for k, name in enumerate(names[::2]):
     axes = picture.add_subplot(1, 2, k + 1, projection="3d")
-    for j, path in enumerate(flown[name].position_m[:30].astype(np.float64)):
+    for j, path in enumerate(paths[name][:30]):
         path = path[np.isfinite(path).all(axis=1)]
         axes.plot(*path.T, color=style.COLOURS[1 + j % 6], lw=0.6, ls="-")
         marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
@@ -86,10 +98,10 @@ def draw_paths(values, label):
     limits = np.nanquantile(
         np.concatenate([each.ravel() for each in values.values()]), [0.05, 0.95]
     )
-    for axes, (name, each) in zip(grid.flat, flown.items(), strict=False):
-        paths = each.position_m[:SHOWN, :, [0, 2]].astype(np.float64)
-        every = np.broadcast_to(values[name][:SHOWN].reshape(len(paths), -1), paths.shape[:2])
-        steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
+    for axes, (name, each) in zip(grid.flat, paths.items(), strict=False):
+        side = each[:SHOWN, :, [0, 2]]
+        every = np.broadcast_to(values[name][:SHOWN].reshape(len(side), -1), side.shape[:2])
+        steps = np.stack([side[:, :-1], side[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
         known = np.isfinite(steps).all(axis=(2, 3))
         lines = LineCollection(list(steps[known]), cmap="viridis", linewidths=0.6, linestyles="-")
         lines.set(array=every[:, :-1][known], clim=limits)
@@ -105,7 +117,7 @@ def draw_paths(values, label):
 # %%
 picture = draw_paths({name: each.end_s for name, each in flown.items()}, "dwell time (s)")
 parts = {
-    name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.end_position_m[:, 0]})[:SHOWN]
+    name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.along(each.end_s)})[:SHOWN]
     for name, each in flown.items()
 }
 data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
@@ -132,7 +144,7 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 # ## Velocity in depth
 
 # %%
-speeds = {name: each.velocity_m_s[:, :, 0] for name, each in flown.items()}
+speeds = {name: sampled(each, each.velocity)[..., 0] for name, each in flown.items()}
 picture = draw_paths(speeds, "velocity in depth (m/s)")
 parts = {
     name: pd.DataFrame(each.velocity_m_s[:SHOWN], columns=METRES)

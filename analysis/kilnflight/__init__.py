@@ -30,7 +30,7 @@ scores           detections, tracks and flights against the truth, with interval
 tables, checks   columns and units of every table; the one place that words errors
 kiln             the whole way from a frame to a flight
 run              a recording of one's own: open, detect, track, plot, all with a report
-twin             a kiln whose truth is known: flights, combustion, camera, scenes
+twin             a kiln whose truth is known: flights as printed, camera, scenes
 belt             the sorter of both papers: simulation, pictures, models, valves
 experiments      what only notebooks ask
 project          figures, claims, notebooks, site, cache; no physics

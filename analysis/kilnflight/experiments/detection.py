@@ -42,6 +42,7 @@ from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, particle_centroids
 from kilnflight.twin import scenes, truth
+from kilnflight.twin.feeding import LABELLED
 
 COUNTS = ("tp", "fp", "fn")
 WARM_UP_POINTS = 2000  # points of the untimed first call
@@ -108,9 +109,9 @@ def labelled_subsets(
     scenario
         One of `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """
-    if not 0 <= frames <= (most := len(scenes.LABELLED)):
+    if not 0 <= frames <= (most := len(LABELLED)):
         raise InputError(f"labelled_subsets: frames={frames}, but {most} are labelled.")
-    labelled, subsets = tuple(scenes.LABELLED[: frames or FRAMES[scale]]), []
+    labelled, subsets = tuple(LABELLED[: frames or FRAMES[scale]]), []
     for name in SUBSETS[scale]:
         twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
         marked, instances = truth.marked(twin, labelled), partial(truth.instances, twin)

@@ -32,7 +32,7 @@ from kilnflight.scores.flights import (
     remaining,
 )
 from kilnflight.scores.intervals import Interval
-from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.fuel import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
 
 Values = Mapping[CampaignKey, FlightValues]
