@@ -45,11 +45,11 @@ class LensCamera:
     """
 
     lenses: tuple[int, int] = (152, 176)  # rows, columns (R12 data sheet): 11.6 px apart
-    wall_points: int = 162_800  # candidates; about 200,000 points a frame with those of particles
+    wall_points: int = 186_000  # candidates; about 200,000 points a frame with those of particles
     kept_per_frame: float = 0.9  # of the wall's candidates; assumption
     # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth;
     # fitted to Table 5.2, with 3D
-    contrast: float = 8.52
+    contrast: float = 22.0
     # Power of the contrast by which depths are weighed where a lens sees two: 2 where squared
     # differences are matched, more where the stronger edge wins
     dominance: float = 4.0

@@ -31,11 +31,11 @@ class Optics:
     exposure_s: float = SHUTTER_S  # 6 ms for PE granules (sec. 5.2.3)
     read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
     shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
-    unlit: float = 0.88  # median level of unlit particles over the wall's
-    unlit_spread: float = 0.75  # of its logarithm
-    flame: float = 1.02  # of a thick flame over full scale
-    thick_mm: float = 2.0  # diameter of a flame by which light falls to 1/e
-    gas_mm: float = 2.0  # radius of the burning gas around a particle
+    unlit: float = 0.86  # median level of unlit particles over the wall's
+    unlit_spread: float = 1.43  # of its logarithm
+    flame: float = 1.04  # of a thick flame over full scale
+    thick_mm: float = 1.25  # diameter of a flame by which light falls to 1/e
+    gas_mm: float = 1.6  # radius of the burning gas around a particle
     share_on: float = 0.18  # of the time in which a flame on the wall is there
     flutter: tuple[float, float] = (0.1, 0.3)  # relative, of brightness and area
     flutter_hz: tuple[float, float] = (10.0, 60.0)
