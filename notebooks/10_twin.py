@@ -18,15 +18,12 @@ jobs = 2  # processes
 particles = 0  # flights of each run; 0: 100, 1000 or 4000 by scale
 
 # %%
-import numpy as np
 import pandas as pd
 
 from kilnflight.detection import Otsu
 from kilnflight.experiments import detection, detection_tables, flights, sensitivity
 from kilnflight.project import claims, figures, paths, style
-from kilnflight.twin.flights import LAWS, released
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.truth import true_flight_values
+from kilnflight.twin.flights import LAWS
 
 style.use_style()
 particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]
@@ -54,15 +51,12 @@ counts
 # The laws of flight give these numbers for all particles, seen or not.
 
 # %%
-values = {run: true_flight_values(released(*run, Geometry(), particles, seed)) for run in LAWS}
-generator = np.random.default_rng(seed)
-put_in = flights.beside_printed(values, generator).rename(columns={"measured": "put_in"})
-put_in = put_in[["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]]
+put_in = flights.put_in(LAWS, particles, seed)
 caption = (
     f"Printed numbers on flight and ignition beside what {particles} simulated flights of each run "
     "have. Where both differ, print contradicts itself, or few flights decide."
 )
-figures.save("twin-flights", put_in, caption=caption, provenance=origin)
+figures.save("twin-flights", put_in.round(4), caption=caption, provenance=origin)
 put_in.head(12)
 
 # %% [markdown]

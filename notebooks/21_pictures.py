@@ -68,13 +68,14 @@ figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 # %%
 both = pd.concat([otsu, sift], ignore_index=True)
 recall = detection_tables.class_recall(both, ["method", "subset"])
-# Section 5.1.3 and Fig. 5.5: recall of non-burning particles by Otsu's method
-printed = {"V1": 0.16, "V2": 0.16, "V3": 0.16, "V4": 0.0, "V5": 0.35}
-known = [printed[subset.name] for subset in subsets]
+# Section 5.1.3, Fig. 5.5: recall by Otsu's method in V1 to V5: in air with flame, without; wall
+printed = {2: [1.0] * 5, 3: [0.16, 0.16, 0.16, 0.0, 0.35], 4: [0.9] * 5}
+rows = [int(subset.name[1]) - 1 for subset in subsets]
+known = [[values[row] for row in rows] for values in printed.values()]
 picture = plots.draw_class_recall(recall, "method", known)
 caption = (
     "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6. "
-    "Diamonds: non-burning particles, published. No bar: fewer than ten sightings."
+    "Diamonds: published by class (Otsu). No bar: fewer than ten sightings."
 )
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 

@@ -21,9 +21,8 @@ jobs = 2  # processes of the detection
 import numpy as np
 import pandas as pd
 
-from kilnflight import kiln, tracklets
-from kilnflight.detection.otsu import flame_mask
-from kilnflight.experiments import campaigns, detection, plots, trackers, tracking
+from kilnflight import tracklets
+from kilnflight.experiments import campaigns, ignition, plots, trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.project import claims, figures, style
 from kilnflight.twin import scenes
@@ -125,15 +124,18 @@ for window, column in zip(shown, grid.T, strict=True):
     light = window.differences(first, last, 0, 0, height, width)
     for axes, (name, each) in zip(column, tables[window.fraction].items(), strict=True):
         style.draw_frame(axes, light, 8)
-        style.draw_tracks(axes, tracklets.tracked(each))
+        tracks = tracklets.tracked(each)
+        near = tracks["particle"].isin(scores.from_lance(tracks, window.lance)["particle"])
+        style.draw_tracks(axes, tracks[~near], "0.55")
+        style.draw_tracks(axes, tracks[near])
         axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
     column[-1].set_xlabel("column (px)")
 
 # %%
 caption = (
     "Simulated: true trajectories and those of GNN and JPDA, without and with post-processing, on "
-    "the sum of frame differences; after Figs 5.12, 5.14 and 5.15. Black rectangle: where the "
-    "burner's flame is cut out."
+    "the sum of frame differences; after Figs 5.12, 5.14 and 5.15. Colour: tracks from the lance; "
+    "grey: others. Black: where the burner's flame is cut out."
 )
 table = tracking.joined_tables(tables, "tracks")
 figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
@@ -141,20 +143,16 @@ figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, p
 # %% [markdown]
 # ## Optical ground truth
 #
-# Paths become visible when the differences from the background are summed over the frames.
+# Paths become visible in the background plus the greatest difference of each pixel from it.
 
 # %%
-sums, paths, frames = {}, [], {"quick": 5, "standard": 50, "full": 300}[scale]
+optical, paths, frames = {}, [], {"quick": 5, "standard": 50, "full": 300}[scale]
 for name in counted["fraction"]:
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     window = scenes.tracking_window(twin)[:frames]
-    foregrounds = detection.BACKGROUNDS[scale](kiln.FrameBuffer(twin), window)
+    optical[name] = ignition.optical_picture(twin, window)
     height, width = twin.attributes.rows, twin.attributes.columns
-    sums[name] = np.zeros((height, width), dtype=np.float32)
-    for t, foreground in zip(window, foregrounds, strict=True):
-        clear = np.where(flame_mask(twin.gray(t), twin.attributes.flame_roi), 0, foreground)
-        least = 8 * np.median(foreground[::4, ::4])  # above flicker and noise
-        sums[name] += np.where(clear > least, clear, 0)
+    for t in window:
         moment, place = twin.life.at(twin.time_s(t)), twin.scene.geometry
         row, col = place.project(place.to_camera(moment.position_m))
         each = pd.DataFrame({"particle": moment.particle, "frame": t, "row": row, "col": col})
@@ -163,12 +161,12 @@ for name in counted["fraction"]:
 paths = pd.concat(paths)
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(sums)}
-picture, grid = style.canvas(len(sums), 2, **size)
-for panels, (name, image) in zip(grid, sums.items(), strict=True):
-    top = max(np.quantile(image[image > 0], 0.9), 1) if image.any() else 1
-    panels[0].imshow(np.clip(image / top, 0, 1) ** 0.5, cmap="gray", interpolation="bilinear")
-    panels[0].set(title=f"{name}: summed differences", ylabel="row (px)")
+size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(optical)}
+picture, grid = style.canvas(len(optical), 2, **size)
+for panels, (name, image) in zip(grid, optical.items(), strict=True):
+    low, high = np.quantile(image, [0.01, 0.998])
+    style.draw_frame(panels[0], np.clip((image - low) / max(high - low, 1.0), 0, 1), 4)
+    panels[0].set(title=f"{name}: optical picture", ylabel="row (px)")
     for _, path in plots.broken_at_gaps(paths[paths["fraction"] == name]).groupby("particle"):
         panels[1].plot(path["col"], path["row"], "-", color="black", lw=0.5)
     panels[1].set(title=f"{name}: true paths", xlim=(0, 2047), ylim=(1535, 0), aspect="equal")
@@ -176,9 +174,8 @@ _ = [axes.set_xlabel("column (px)") for axes in grid[-1]]
 
 # %%
 caption = (
-    f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
-    "5.17, beside the true paths of particles in the air. The segmented flame is left out, and "
-    "pixels below eight times a frame's median difference."
+    f"Background plus the greatest difference from it in up to {frames} frames, after Fig. 5.13, "
+    "beside the true paths of particles in the air. Made like Fig. 5.17 (notebook 54)."
 )
 figures.save("fig-5-13-optical-truth", paths, picture=picture, caption=caption, provenance=origin)
 

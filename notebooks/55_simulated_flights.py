@@ -22,11 +22,11 @@ particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.cbook import boxplot_stats
 from matplotlib.collections import LineCollection
 from scipy import stats
 
 from kilnflight.experiments import campaigns, plots
-from kilnflight.experiments.flights import box
 from kilnflight.project import figures, style
 from kilnflight.scores.flights import METRES
 from kilnflight.twin import truth
@@ -129,12 +129,20 @@ caption = (
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
+ends = {
+    "whislo": "whisker_low",
+    "q1": "q25",
+    "med": "median",
+    "q3": "q75",
+    "whishi": "whisker_high",
+}
 rows = [
-    {"source": source, "fraction": name} | box(values[name, pressure].dwell_s)
+    {"source": source, "fraction": name} | boxplot_stats(values[name, pressure].dwell_s)[0]
     for source, values in sources.items()
     for name, pressure in simulated
 ]
-data, picture = pd.DataFrame(rows), plots.draw_dwell_boxes(sources, list(simulated))
+data = pd.DataFrame(rows).rename(columns=ends)[["source", "fraction", *ends.values()]]
+picture = plots.draw_dwell_boxes(sources, list(simulated))
 caption = (
     "Dwell times of complete flights, simulated and measured; after the right part of Fig. A.6."
 )

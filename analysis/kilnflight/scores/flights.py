@@ -93,6 +93,7 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
         "dwell longest (s)": times.max(),
         "dwell 0.3-0.4 s (%)": 100.0 * times.between(0.3, 0.4).mean(),
         "dwell > 0.4 s (%)": 100.0 * (times >= 0.4).mean(),
+        "dwell > 1 s (%)": 100.0 * (times > 1.0).mean(),
         "penetration (m)": pd.Series(flight_values.reached_m).median(),
         "ignited (%)": 100.0 * ignition_s.notna().mean(),
         "ignited < 0.1 s (%)": 100.0 * (ignition_s <= 0.1).mean(),

@@ -160,4 +160,5 @@ def true_flight_values(flights: Flights) -> FlightValues:
         flights.ignition_s,
         flights.along(flights.end_s),
         flights.end_s[~complete],
+        ~complete,
     )
