@@ -51,7 +51,8 @@ counts
 # The laws of flight give these numbers for all particles, seen or not.
 
 # %%
-put_in = flights.put_in(LAWS, particles, seed)
+put_in = flights.put_in(LAWS, particles, seed).dropna(subset="printed")
+put_in = put_in[["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]]
 caption = (
     f"Printed numbers on flight and ignition beside what {particles} simulated flights of each run "
     "have. Where both differ, print contradicts itself, or few flights decide."

@@ -214,7 +214,6 @@ pooled = counts.groupby(["label", "family"]).sum()
 pooled = pooled["tp"] / pooled.sum(axis=1)
 burning = counts.loc[2].drop(("MO", "V4"), errors="ignore").groupby("family").sum()  # Fig. 5.9
 burning = burning["tp"] / burning.sum(axis=1)
-nearly = [claims.about(share, 1.0, 0.05) for share in burning]
 wall = recall.query("family == 'dbscan' and label == 4 and subset in ['V1', 'V4']")
 wall = wall.set_index("subset")["recall"]
 best = {name: table["f1"].max() for name, table in zip(titles, (dbscan, mo, qcc), strict=True)}
@@ -226,8 +225,8 @@ result = (
 # %%
 checks = [
     claims.check("cluster-1", bool(steps.all()), f"{steps.sum()} of {len(steps)} steps as printed"),
-    claims.check("cluster-7", claims.all_of(*nearly), burning, "They find 77 to 87 % of them."),
-    claims.check("cluster-8", bool((wall < 0.5).all()), wall, "In V4 it finds three quarters."),
+    claims.check("cluster-7", bool((burning >= 0.95).all()), burning),
+    claims.check("cluster-8", bool((wall < 0.5).all()), wall),
     claims.check("cluster-9", all(pooled[k].idxmax() == "QCC" for k in (3, 4)), pooled[3]),
 ]
 figures.conclude(result, checks, origin)

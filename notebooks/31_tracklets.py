@@ -82,10 +82,9 @@ for part in map(tracklets.tracked, tracked.values()):
     number += part["particle"].max() + 1
 tracks = pd.concat(parts, ignore_index=True)
 paths = read_paths(tracks, "31_tracklets")
-names = paths.names()
 judged = pd.DataFrame({"duration": np.diff(paths.starts).astype(float)})
-judged["speed"] = mean_speed(names, paths.frame, paths.place)
-judged["regularity"] = regularity(names, paths.frame, paths.place)
+judged["speed"] = mean_speed(paths.names(), paths.frame, paths.place)
+judged["regularity"] = regularity(paths.names(), paths.frame, paths.place)
 fails = pd.DataFrame({name: ~(judged[name] > getattr(elimination, name)) for name in judged})
 judged.insert(0, "particle", tracks["particle"].to_numpy()[paths.rows[paths.starts[:-1]]])
 rows = []

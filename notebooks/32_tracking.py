@@ -200,8 +200,9 @@ risen = f"{(by[1]['recomputed'] > 0).sum()} of {len(by[1])} values rise"
 raw = beside[(beside["postprocessing"] == "without") & beside["measure"].isin(["alpha", "beta"])]
 raw = raw[raw["fraction"] != "wood chip"]
 low = claims.all_of(rises[2], decide(raw["recomputed"] <= 0.43, raw["low"] > 0.43))
-near = decide(by[3]["recomputed"].abs() <= 0.025, (by[3]["low"] > 0.1) | (by[3]["high"] < -0.1))
+far = (by[3]["low"] > 0.05) | (by[3]["high"] < -0.05)  # "comparable" has no number: never True
 after = measured.loc[measured["postprocessing"] == "with", ["alpha", "beta"]].mean().mean()
+before = measured.loc[measured["postprocessing"] == "without", ["alpha", "beta"]].mean().mean()
 lifted = claims.all_of(clear[9], decide(0.5 <= after <= 0.6, not 0.5 <= after <= 0.6))
 
 gain, least = value[4].item(), value[5].nsmallest(1)
@@ -209,11 +210,11 @@ gain, least = value[4].item(), value[5].nsmallest(1)
 # %%
 checks = [
     claims.check(
-        "track-1", rises[1], risen, "Tracks without it are as good as the printed final ones."
+        "track-1", rises[1], risen, f"Without it alpha and beta are {before:.2f} on average."
     ),
     claims.check("track-2", low, raw["recomputed"].max(), "The largest value but for wood chips."),
     claims.check(
-        "track-3", near, value[3].min(), "Comparable within 0.025, not beyond 0.1; bounds of ours."
+        "track-3", decide(False, far), value[3].min(), "Comparable has no number; 0.05 is ours."
     ),
     claims.check("track-4", clear[4], f"{gain:+.2f}", "JPDA - GNN, mean of alpha, beta, JSC."),
     claims.check("track-5", rises[5], least, "The smallest difference, mean of both trackers."),

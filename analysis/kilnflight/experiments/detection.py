@@ -60,7 +60,7 @@ WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known.
-THRESHOLDS = tuple(round(100 * 2 ** (k / 2)) for k in range(12))
+THRESHOLDS = tuple(round(12.5 * 2 ** (k / 2)) for k in range(17))
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15 points in
 # 70 mm would be more precise than the printed first pass (Table 5.8).
 PASSES: dict[str, tuple[Clusterer, Clusterer]] = {

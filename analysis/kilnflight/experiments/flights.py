@@ -137,15 +137,16 @@ def printed_numbers() -> pd.DataFrame:
 
 
 def put_in(runs: Iterable[CampaignKey], count: int, seed: int) -> pd.DataFrame:
-    """Return `printed_numbers` of runs beside the same of flights by the laws that were put in.
+    """Return every outcome of flights by the laws that were put in, beside `printed_numbers`.
 
-    ``count`` particles of each run are released; column ``put_in`` is added.
+    ``count`` particles of each run are released. The columns are those of `printed_numbers`, NaN
+    where nothing is printed, and ``put_in``.
     """
     values = {
         key: outcomes(true_flight_values(released(*key, Geometry(), count, seed))) for key in runs
     }
     known = pd.concat(values, names=[*KEYS, "outcome"]).rename("put_in").reset_index()
-    return printed_numbers().merge(known, on=[*KEYS, "outcome"])
+    return known.merge(printed_numbers(), "left", [*KEYS, "outcome"])
 
 
 def recovery(
@@ -165,8 +166,8 @@ def recovery(
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``outcome``; ``printed`` (text) and ``put_in`` where a
-        number is printed; ``true``: of the particles of this campaign; ``number`` of
+        ``fraction``, ``pressure_bar``, ``outcome``; ``put_in`` and ``printed`` (text);
+        ``true``: of the particles of this campaign; ``number`` of
         measured ones, ``measured``; ``error``: measured minus true, with its 95 % interval ``low``
         and ``high``; ``verdict``: "recovered" if the interval lies within `TOLERANCE`, "biased" if
         it lies outside, else "open".
@@ -179,13 +180,14 @@ def recovery(
             most = SHARE_POINTS if "%" in name else TOLERANCE * abs(known[name])
             low, high = ours.low - known[name], ours.high - known[name]
             answer = claims.within(low, high, -most, most) if ours.numbers != (0,) else None
-            rows.append(
-                dict(zip([*KEYS, "outcome"], [*key, name], strict=True))
-                | {"true": known[name], "number": sum(ours.numbers), "measured": ours.estimate}
-                | {"error": ours.estimate - known[name], "low": low, "high": high}
-                | {"verdict": VERDICTS[answer]}
-            )
-    return pd.DataFrame(rows).replace([np.inf, -np.inf], np.nan)
+            numbers = (known[name], sum(ours.numbers), ours.estimate, ours.estimate - known[name])
+            rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
+    told = put_in(measured, PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
+    told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
+    columns = ["true", "number", "measured", "error", "low", "high", "verdict"]
+    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *columns])
+    table = table.replace([np.inf, -np.inf], np.nan)
+    return told.merge(table, "right", [*KEYS, "outcome"])
 
 
 def differences(
