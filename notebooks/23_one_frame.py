@@ -132,8 +132,9 @@ for axes, example in zip(grid.flat, shown, strict=True):
         axes.plot(particle[1], particle[0], "x", color=style.COLOURS[1], ms=7)
     half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
     axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-    verdict = f"wrong: {false} false, {missed} missed" if false or missed else "right"
-    axes.set_title(f"case {case}: {len(particles)} found, {verdict}", fontsize=6.5)
+    errors = ", ".join(f"{n} {word}" for n, word in ((false, "false"), (missed, "missed")) if n)
+    verdict = f"wrong: {errors}" if errors else "right"
+    axes.set_title(f"case {case}: {len(particles)} found\n{verdict}", fontsize=6.5)
 
 # %%
 table = pd.DataFrame(rows, columns=["case", "particles", "false", "missed"])
