@@ -104,7 +104,8 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """
     subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
-    threshold = float(counts.set_index("threshold")["f1"][::-1].idxmax())  # of ties the highest
+    best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
+    threshold = float(best.max())  # of ties the highest
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = fit_cylinder(points, seed)
     detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}

@@ -307,7 +307,8 @@ def compare_thresholds(
     DataFrame
         The table of `run` with ``threshold`` (grey values) in place of ``method``. ``chosen``
         marks a subset's threshold with the best F1 on the *other* subsets (section 5.1.3); ties
-        go to the highest, with the fewest false detections in frames without labels. ``seconds`` are NaN, since one call serves all thresholds.
+        go to the highest, with the fewest false detections in frames without labels.
+        ``seconds`` are NaN, since one call serves all thresholds.
     """
     methods = from_thresholds(tried_thresholds(scale))
     table = run(subsets, methods, background).rename(columns={"method": "threshold"})
