@@ -128,9 +128,5 @@ equation[["quantity", "printed", "recomputed"]]
 # ## Result
 
 # %%
-total = claims.count(table)
-result = (
-    f"Of {len(table)} claims {total['reproduced']} are reproduced and {total['not reproduced']} "
-    f"are not; the others are open. Of the printed numbers {len(wrong)} contradict other ones."
-)
+result = f"{len(wrong)} of {len(checks)} printed numbers do not follow from those around them."
 figures.conclude(result, [], origin)

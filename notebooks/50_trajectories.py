@@ -210,8 +210,9 @@ saved[-1]
 mean = by_order.groupby("order")["r2_adjusted"].mean().reindex([6, 7])
 holds = flights.if_complete(tables.flights, {"fit-4": mean[7] - mean[6] < 0.01})
 result = (
-    f"{outcomes['from_lance'].sum()} trajectories start at the lance; {outcomes['refused'].sum()} "
-    f"of them are rejected. From order 6 to 7 adjusted R2 changes by {mean[7] - mean[6]:.4f}."
+    f"Of {outcomes['from_lance'].sum()} fitted trajectories from the lance "
+    f"{outcomes['refused'].sum()} are impossible and rejected. Polynomials of order 7 instead of 6 "
+    f"change adjusted R2 by {mean[7] - mean[6]:+.3f}."
 )
 verdicts = [
     claims.check("fit-4", holds["fit-4"], mean[7] - mean[6], "Mean over the axes, order 6 to 7."),

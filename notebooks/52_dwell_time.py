@@ -211,7 +211,7 @@ verdicts = [
     ),
 ]
 result = (
-    f"Of {len(starting)} flights from the lance {medians['number'].sum()} are complete. Of "
-    f"{len(medians)} median dwell times {each}. Median error: {medians['error'].median():+.3f} s."
+    f"{medians['number'].sum()} of {len(starting)} flights from the lance are followed to their "
+    f"end. The median dwell times of campaigns are off by {medians['error'].median():+.2f} s."
 )
 figures.conclude(result, verdicts, origin)

@@ -203,9 +203,9 @@ verdicts = [
 count = table["verdict"].value_counts()
 each = ", ".join(f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open"))
 off = pairs[pairs["slice_m"] == 1.0].eval("measured_m_s - true_m_s")
-middle = "{:+.2f} to {:+.2f}".format(*off.quantile([0.25, 0.75]))
+middle = "{:+.1f} to {:+.1f}".format(*off.quantile([0.25, 0.75]))
 result = (
-    f"Of {len(table)} medians and shares {each}. Measured minus true velocity in the first metre: "
-    f"median {off.median():+.2f} m/s, half from {middle} m/s."
+    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the "
+    f"errors are {middle} m/s. Of {len(table)} medians and shares {each}."
 )
 figures.conclude(result, verdicts, origin)

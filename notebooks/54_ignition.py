@@ -178,8 +178,8 @@ above = f"{(orders['low'] > 0).sum()} of {len(orders)} differences"
 percent = f"{100 * false.estimate:.0f} % of {false.numbers[0]}"
 sums = table[table["fraction"].isin(flights.PAPERS)].sum(numeric_only=True)
 result = (
-    f"The test of traces calls {percent} unlit chips and granules burning. That of grey values "
-    f"finds {sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning papers and calls "
+    f"Traces in the summed picture call {percent} unlit chips and granules burning. Grey values "
+    f"find {sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning papers and call "
     f"{sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones burning."
 )
 points = "Measured minus true shares that ignite, in points, by pressure."
