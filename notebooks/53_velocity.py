@@ -200,12 +200,10 @@ verdicts = [
     claims.check("vel-6", holds["vel-6"], kept, "Measured within 10 % of the true change."),
     claims.check("vel-7", holds["vel-7"], lag["low"].min(), least),
 ]
-count = table["verdict"].value_counts()
-each = ", ".join(f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open"))
 off = pairs[pairs["slice_m"] == 1.0].eval("measured_m_s - true_m_s")
 middle = "{:+.1f} to {:+.1f}".format(*off.quantile([0.25, 0.75]))
 result = (
-    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the "
-    f"errors are {middle} m/s. Of {len(table)} medians and shares {each}."
+    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the errors "
+    f"are {middle} m/s."
 )
 figures.conclude(result, verdicts, origin)
