@@ -203,7 +203,7 @@ verdicts = [
 off = pairs[pairs["slice_m"] == 1.0].eval("measured_m_s - true_m_s")
 middle = "{:+.1f} to {:+.1f}".format(*off.quantile([0.25, 0.75]))
 result = (
-    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the errors "
-    f"are {middle} m/s."
+    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the "
+    f"errors are {middle} m/s."
 )
 figures.conclude(result, verdicts, origin)
