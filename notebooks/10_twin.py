@@ -86,7 +86,7 @@ reached
 
 # %%
 reduced = {"quick": "quick", "standard": "quick", "full": "standard"}[scale]
-scenarios = list(sensitivity.CHANGES)[: 2 if scale == "quick" else None]
+scenarios = list(sensitivity.CHANGES)[: None if scale == "full" else 2]
 changed = sensitivity.sensitivity(reduced, seed, jobs, scenarios)
 caption = (
     "F1 of SIFT with DBSCAN, alpha of GNN with post-processing, biases of dwell time and of the "
