@@ -7,7 +7,7 @@
 # **Here.** The printed numbers are put into simulated recordings whose truth is known. Nothing is
 # claimed on the fuel. Measured minus true is the error of the method, which other notebooks show.
 #
-# **One number.** First metre of wood chips at 4.5 bar: 13.5 m/s printed, 13.5 m/s put in.
+# **One number.** First metre of wood chips at 4.5 bar: 13.5 m/s printed, 13.5 m/s here.
 #
 # **What disagrees.** Some printed numbers contradict each other, so not all can be put in.
 

@@ -6,8 +6,8 @@
 # gives the temperature along the wall (Fig. 2.4).
 #
 # **Here.** The recordings are not public, so five scenes with ten labelled frames each are
-# simulated. The number of fed particles was fitted to Table 5.2, the size of flames to Fig. 3.12
-# and the pose of the camera to Table 5.3. That these numbers reappear shows nothing.
+# simulated. Particles are fed until the frames hold the labels of Tables 5.2 and 5.3. That these
+# numbers reappear shows nothing.
 #
 # **One number.** Wall particles in the region of interest: 50.53 % printed, 15.9 % here.
 #
@@ -67,7 +67,7 @@ for kind, number in {"depth": "5.2", "roi": "5.3"}.items():
     shares[f"published_{kind}_percent"] = printed.str.rstrip("%").astype(float).to_numpy()
 caption = (
     "Labelled particles with depth, and inside the region of interest, in percent of those of "
-    "their class, beside Tables 5.2 and 5.3. The pose was fitted to the latter."
+    "their class, beside Tables 5.2 and 5.3, whose counts were put in."
 )
 shares = shares.reset_index()
 figures.save("table-5-3-ground-truth", shares, caption=caption, provenance=origin)

@@ -55,8 +55,8 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 # Scored are tracks that start at the lance and last (sections 4.2.5 and 5.2.1), with and without
 # post-processing alike. The distance is the bare epsilon of Table 5.16, 10 px, and positions are
 # those detected. Gate, noise and missed frames are not printed. Those used were chosen for the
-# largest beta on other frames (data/reference/trackers.csv); JPDA has the smaller gate, as in
-# section 5.2.3.
+# largest beta on other frames of an earlier simulation (data/reference/trackers.csv). JPDA has the
+# smaller gate, as in section 5.2.3.
 
 # %%
 tracked = tracking.follow_all(windows, {name: trackers.chosen(name) for name in scores.TRACKERS})

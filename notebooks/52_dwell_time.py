@@ -5,8 +5,8 @@
 # 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest at 4.5 bar and much
 # shorter at 5 bar.
 #
-# **Here.** The whole chain on eight simulated campaigns, beside the true dwell times of the same
-# recordings. Only complete flights have a dwell time; a lost flight "cannot be analyzed" (A.1).
+# **Here.** The whole chain on eight simulated campaigns, whose particles fly as printed. Only flights
+# followed to their end have a dwell time; a lost one "cannot be analyzed" (A.1).
 #
 # **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.309 s here.
 #
