@@ -5,8 +5,8 @@
 # 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest at 4.5 bar and much
 # shorter at 5 bar.
 #
-# **Here.** The whole chain on eight simulated campaigns, whose particles fly as printed. Only flights
-# followed to their end have a dwell time; a lost one "cannot be analyzed" (A.1).
+# **Here.** The whole chain on eight simulated campaigns, whose particles fly as printed. Only
+# flights followed to their end have a dwell time; a lost one "cannot be analyzed" (A.1).
 #
 # **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.309 s here.
 #
@@ -31,7 +31,7 @@ from kilnflight.project import claims, figures, style
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 SHARES = ("dwell 0.3-0.4 s (%)", "dwell > 0.4 s (%)")  # of chips and granules, and of papers
-NO_FALL = "Print contradicts itself: its velocities and reach at 5 bar make no shorter flights."
+NO_FALL = "Print contradicts itself: its velocities at 5 bar make no shorter flights. Least (s)."
 
 # %%
 style.use_style()
@@ -174,14 +174,16 @@ figures.save("dwell-recovery", table.round(4), caption=caption, provenance=origi
 bars, median = (4.5, 5.0), "dwell median (s)"
 others = ("PE granule", *flights.PAPERS)
 later = [((name, bar), ("wood chip", bar)) for bar in bars for name in others]
-longer = [(("PE granule", 4.5), ("PE granule", 5.0))]
+granules = ("PE granule", 4.5)
+longer = [(granules, (name, 4.5)) for name in ("wood chip", *flights.PAPERS)]
+longer += [(granules, ("PE granule", 5.0))]
 first, falls = (
     flights.differences(results.measured, results.true, median, pairs, generator)
     for pairs in (later, longer)
 )
 caption = (
     "Differences of median dwell times, measured with 95 % intervals (Newcombe) and true: from "
-    "wood chips at the same pressure, and of PE granules between the pressures."
+    "wood chips at the same pressure, and of PE granules at 4.5 bar from all others and from 5 bar."
 )
 orders = pd.concat([first, falls])
 figures.save("dwell-orders", orders.round(4), caption=caption, provenance=origin)
@@ -205,7 +207,7 @@ right = f"{sum(one is True for one in most)} of {len(most)} shares"
 verdicts = [
     claims.check("dwell-1", holds["dwell-1"], each, "Medians of eight campaigns, within 10 %."),
     claims.check("dwell-2", holds["dwell-2"], first["low"].min(), "Least end of any interval (s)."),
-    claims.check("dwell-3", holds["dwell-3"], falls["measured"].sum(), NO_FALL),
+    claims.check("dwell-3", holds["dwell-3"], falls["measured"].min(), NO_FALL),
     claims.check(
         "dwell-4", holds["dwell-4"], right, "Shares at 5 bar, within 5 points of the truth."
     ),

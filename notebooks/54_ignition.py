@@ -167,8 +167,9 @@ heavy = traces[traces["fraction"].isin(flights.HEAVY)]
 false = intervals.share(int(heavy["unlit_light"].sum()), int(heavy["unlit"].sum()))
 answers = {"ign-1": claims.beyond(BASICALLY - false.high, BASICALLY - false.low)}
 for claim, name in zip(("ign-2", "ign-3"), flights.PAPERS, strict=True):
-    rows = recovery[(recovery["fraction"] == name) & recovery["outcome"].isin(SHARES.values())]
-    answers[claim] = flights.recovered(rows[rows["printed"] != ""])
+    outcomes = list(SHARES.values())[: 1 if name == "confetti" else 2]  # as its sentence says
+    rows = recovery[(recovery["fraction"] == name) & recovery["outcome"].isin(outcomes)]
+    answers[claim] = flights.recovered(rows)
 answers["ign-4"] = flights.all_above(orders)
 holds = flights.if_complete(results.tables.flights, answers)
 shares = recovery[recovery["outcome"] == SHARES["ignited"]].set_index("fraction")
