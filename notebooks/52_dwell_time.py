@@ -74,7 +74,9 @@ figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 # ## What dwell time means
 #
 # The curves are the fits up to the end of the flight. A burnt-out particle ends with its last
-# detection. A landing one ends where the fit meets the wall.
+# detection; only papers burn out. A landing one ends where the fit meets the wall. After the last
+# detection the flight goes straight on, with the mean velocity of the last 20 ms, for at most 50 ms
+# and 0.3 m. What has not met the wall by then is lost.
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)

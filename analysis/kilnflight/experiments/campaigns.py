@@ -41,8 +41,7 @@ from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, sce
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
-# First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
-# lasts 100 to 165 frames.
+# First frame and number of frames by scale; 0: all. A flight lasts 60 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 # Campaigns by scale: two of a smoke run, the lower pressure of a reduced one.

@@ -59,7 +59,7 @@ SUBSETS: dict[str, tuple[str, ...]] = {
 WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
-# frame to beyond the brightest flames. The exposure of the thesis is not known.
+# frame to far above the best one. The exposure of the thesis is not known.
 THRESHOLDS = tuple(round(12.5 * 2 ** (k / 2)) for k in range(17))
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15 points in
 # 70 mm would be more precise than the printed first pass (Table 5.8).
@@ -96,7 +96,7 @@ class Subset(NamedTuple):
 def labelled_subsets(
     scale: str, seed: int = 0, frames: int = 0, scenario: str = "base"
 ) -> list[Subset]:
-    """Return the simulated subsets of a scale with their first labelled frames.
+    """Return the simulated subsets of a scale with their middle labelled frames.
 
     Parameters
     ----------
@@ -111,7 +111,8 @@ def labelled_subsets(
     """
     if not 0 <= frames <= (most := len(LABELLED)):
         raise InputError(f"labelled_subsets: frames={frames}, but {most} are labelled.")
-    labelled, subsets = tuple(LABELLED[: frames or FRAMES[scale]]), []
+    count, subsets = frames or FRAMES[scale], []
+    labelled = tuple(LABELLED[(most - count + 1) // 2 :][:count])
     for name in SUBSETS[scale]:
         twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
         marked, instances = truth.marked(twin, labelled), partial(truth.instances, twin)

@@ -184,9 +184,8 @@ def recovery(
             rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
     told = put_in(measured, PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
     told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
-    columns = ["true", "number", "measured", "error", "low", "high", "verdict"]
-    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *columns])
-    table = table.replace([np.inf, -np.inf], np.nan)
+    rest = ["true", "number", "measured", "error", "low", "high", "verdict"]
+    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace([np.inf, -np.inf], np.nan)
     return told.merge(table, "right", [*KEYS, "outcome"])
 
 
@@ -227,8 +226,7 @@ def all_above(table: pd.DataFrame) -> bool | None:
 
 def recovered(table: pd.DataFrame, **where: object) -> bool | None:
     """Return whether all rows of `recovery` with the given cells are recovered; None if open."""
-    for column, value in where.items():
-        table = table[table[column] == value]
+    table = table[(table[list(where)] == pd.Series(where)).all(axis=1)]
     answers = {verdict: answer for answer, verdict in VERDICTS.items()}
     return (
         None

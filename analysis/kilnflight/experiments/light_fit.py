@@ -32,9 +32,8 @@ LARGEST_UNLIT = 0.9  # of the median unlit level: it must not outshine the wall
 def prepare(seeds: Iterable[int]) -> list[tuple[Twin, Single]]:
     """Return the subsets of some seeds, each with its background: a median without particles."""
     twins = [scenes.cached_scene(name, seed) for seed in seeds for name in scenes.SUBSETS]
-    times = range(0, scenes.FRAMES, 20)
     return [
-        (twin, np.median([twin.empty(t) for t in times], axis=0).astype(np.float32))
+        (twin, np.median([twin.empty(t) for t in range(0, 160, 20)], axis=0).astype(np.float32))
         for twin in twins
     ]
 
@@ -42,7 +41,7 @@ def prepare(seeds: Iterable[int]) -> list[tuple[Twin, Single]]:
 def with_light(twin: Twin, optics: Optics) -> Twin:
     """Return a recording in another light; flights and walls stay."""
     other = Twin(replace(twin.scene, optics=optics))
-    kept = ("life", "_background", "_noise", "_bodies")
+    kept = ("life", "_background", "_noise", "_bodies", "_wall")
     other.__dict__.update({name: getattr(twin, name) for name in kept})
     return other
 

@@ -102,7 +102,7 @@ class Joining(PathStep):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets, joined until no pair is within the limits.
 
-        ``differences`` (frames, rows, cols) are absolute differences of frames and background, in
+        ``differences`` (frames, rows, cols) are differences of frames and background, in
         grey values. Without them the last term of Eq. 4.24, for the streak, is left out. In each
         iteration only pairs with a tracklet that was just joined get a new cost.
         """

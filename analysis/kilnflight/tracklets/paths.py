@@ -59,7 +59,7 @@ class PathStep(ABC):
         tracks
             Track table, see `kilnflight.tracklets`.
         differences
-            (frames, rows, cols) absolute differences of frames and background, in grey values; used
+            (frames, rows, cols) differences of frames and background, in grey values; used
             by `Joining` alone, see `kilnflight.tracklets.postprocess`.
 
         Raises
@@ -74,7 +74,7 @@ class PathStep(ABC):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets after this step.
 
-        ``differences`` (frames, rows, cols) are absolute differences of frames and background, or
+        ``differences`` (frames, rows, cols) are differences of frames and background, or
         None.
         """
 

@@ -5,9 +5,9 @@
     fuel, flights -> feeding -> life -> picture, background, lenses -> scene (a recording) -> truth
 
 It never sees a method, and no method sees it. Every input has unit and source: published,
-handbook, fitted or assumption. data/reference/twin_inputs.csv lists them. Flights were fitted to
-printed numbers, the light to Otsu's row of Table 5.5, the depth to Tables 5.2 and 5.18, and nothing
-to the outcome of any other method.
+handbook, fitted or assumption. data/reference/twin_inputs.csv lists the main ones. Flights were
+fitted to printed numbers, the light to Otsu's row of Table 5.5, the depth to Tables 5.2 and 5.18,
+and nothing to the outcome of any other method.
 
 ==========  =====================================================================
 module      content

@@ -72,9 +72,9 @@ def feed_subset(
     """Return the particles of a labelled subset.
 
     Candidates of all fractions fly by the laws of 4.5 bar, released up to 1 s before the middle
-    labelled frame. Of those in each class and in the picture then, as many are fed as give the
-    printed number of labels in all labelled frames. So who burns is an input, and the kiln is that
-    of the campaigns.
+    labelled frame. Of those in each class and in the picture then, as many are fed as give at most
+    the printed number of labels in all labelled frames. So who burns is an input, and the kiln is
+    that of the campaigns.
 
     Parameters
     ----------

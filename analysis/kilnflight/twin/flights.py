@@ -229,7 +229,8 @@ def _ignition(law: Law, geometry: Geometry) -> tuple[float, Array]:
     """Return the share of candidates for ignition, and the weights of the bins (5,).
 
     A time after the landing does not count. So bins are drawn with the printed shares over the
-    share that still flies in their middle.
+    share that still flies in their middle. With a level lance (`Scene`) even all shreds are too few
+    candidates at 4.5 bar.
     """
     if not law.ignite:
         return 0.0, np.full(5, 0.2)
@@ -237,7 +238,7 @@ def _ignition(law: Law, geometry: Geometry) -> tuple[float, Array]:
     middle = (BIN_S[:-1] + BIN_S[1:]) / 2
     flying = (paths.end_s[:, None] > middle).mean(axis=0)
     shares = np.array(law.when) / sum(law.when) / np.maximum(flying, 1e-3)
-    return law.ignite * float(shares.sum()), shares / shares.sum()
+    return min(law.ignite * float(shares.sum()), 1.0), shares / shares.sum()
 
 
 def released(fraction: str, bar: float, geometry: Geometry, count: int, seed: int) -> Flights:

@@ -65,7 +65,7 @@ class LensCamera:
     points_per_pixel: float = 0.5  # of what lenses see of particles
     # Contrast over noise at which noise makes the error of a particle 1.4 times as large
     half_contrast: float = 3.0
-    scale: float = 1.0  # of all errors, for the sensitivity
+    scale: float = 1.0  # of the errors common to a patch or particle, for the sensitivity
     # Fitted to Table 5.18, RMSE in z, mm
     particle_error_mm: tuple[tuple[str, float], ...] = (
         ("wood chip", 143.2),

@@ -7,7 +7,7 @@ is. Its brightness and area flutter: sums of sines, so that any moment can be co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +23,9 @@ SINES = 3  # of a flutter
 class Optics:
     """The way from light to grey values.
 
-    ``unlit`` to ``share_on`` are fitted to Otsu's row and class recalls of Table 5.5 (notebook 10),
-    all else are assumptions. No threshold of the thesis may be copied from there.
+    ``unlit`` to ``gas_mm`` are fitted to Otsu's row and class recalls of Table 5.5 (notebook 10),
+    ``share_on`` in an earlier fit to the same; all else are assumptions. No threshold of the thesis
+    may be copied from there.
     """
 
     wall: float = 20_000.0  # grey value of the wall at `SHUTTER_S`
@@ -54,6 +55,10 @@ class Optics:
     def at_wall(self) -> float:
         """Grey value of the wall at this exposure."""
         return self.wall * self.exposure
+
+    def spread(self, factor: float) -> Optics:
+        """Return the optics with another spread of unlit levels."""
+        return replace(self, unlit_spread=factor * self.unlit_spread)
 
     def noise(self, level: npt.ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""

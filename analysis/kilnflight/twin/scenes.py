@@ -37,8 +37,8 @@ COUNTS: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {
     ON_WALL: ((248, 469, 313, 631, 120), (179, 188, 123, 362, 48)),
 }
 
-# Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
-# trajectory counts when any part lies in the window.
+# Windows of Table 5.15: trajectories and frames. A trajectory counts when any part lies in the
+# window. `STARTS` are the first frames in the thesis's recordings.
 WINDOWS: dict[str, tuple[int, int]] = {
     "wood chip": (7, 300),
     "confetti": (37, 300),
@@ -152,8 +152,8 @@ def downscaled(scene: Scene) -> Scene:
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "small": downscaled,
-    "even-particles": lambda s: replace(s, optics=replace(s.optics, unlit_spread=0.375)),
-    "uneven-particles": lambda s: replace(s, optics=replace(s.optics, unlit_spread=1.5)),
+    "even-particles": lambda s: replace(s, optics=s.optics.spread(0.5)),
+    "uneven-particles": lambda s: replace(s, optics=s.optics.spread(2.0)),
     "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
     "dense-feed": lambda s: replace(s, count=2 * s.count, handful=12.0),
     "low-camera": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=700.0)),

@@ -109,7 +109,8 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
         person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
         `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
         ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available");
-        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ... in camera coordinates.
+        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
+        coordinates.
     """
     view = twin.view(t)
     moment, geometry = view.moment, twin.scene.geometry
