@@ -150,7 +150,7 @@ def test_the_documented_manifest_is_right(files):
     text = re.search(r"(?ms)^    name = .*?^    classes[^\n]*", module.__doc__).group()
     text = textwrap.dedent(text).replace("frame_{frame", "{frame")
     text = text.replace("xyz/{frame:04d}", "xyz/{frame}")
-    text = re.sub("(?m)^(roi|flame_roi|channel) .*$", "", text)  # of a larger image, or coloured
+    text = re.sub("(?m)^(roi|flame_roi) .*$", "", text)  # of a larger image
     (files.folder / "example.toml").write_text(text)
     recording = open_any(files.folder / "example.toml")
     assert recording.attributes.name == "chips-4.5bar"

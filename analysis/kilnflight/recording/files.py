@@ -33,7 +33,7 @@ A manifest says what lies where. Patterns are relative to it::
 
     [gray]                            # anything that `open_any` takes
     pattern = "gray/frame_{frame:04d}.tif"
-    channel = "red"                   # of coloured pictures
+    # channel = "red"                 # only of coloured pictures; refused for grey ones
 
     [coordinates]
     pattern = "xyz/frame_{frame:04d}.mat"
