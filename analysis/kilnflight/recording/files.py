@@ -438,7 +438,7 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
             return points[POINT].to_numpy()
         if ending == ".npy":
             return np.atleast_1d(_decoded(np.load, path, mmap_mode="r"))
-        if ending in (".h5", ".hdf5", ".mat") and h5py.is_hdf5(path):
+        if ending in (".h5", ".hdf5") or (ending == ".mat" and h5py.is_hdf5(path)):
             with _decoded(h5py.File, path) as file:
                 return _chosen(file, key).T if ending == ".mat" else _chosen(file, key)
         if ending == ".mat":
