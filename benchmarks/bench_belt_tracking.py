@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from kilnflight.belt.camera import TRACKED, calibrate_camera, find_corners
-from kilnflight.belt.pictures import MeasureSpots, Spots, average
+from kilnflight.belt.pictures import LEAST_PX, MeasureSpots, Spots, average
 from kilnflight.belt.tracker import (
     BELT_FRAME_S,
     MISSED,
@@ -143,7 +143,7 @@ def with_pictures(frames: int = 30) -> Row:
             index = np.arange(1, count + 1)
             area = ndimage.sum_labels(mask, labels, index)
             places = np.array(ndimage.center_of_mass(mask, labels, index)).reshape(-1, 2)
-            places = calibration.millimetres(places[area >= spots.least_px])
+            places = calibration.millimetres(places[area >= LEAST_PX])
             parts.append(pd.DataFrame(places, columns=["x", "y"]).assign(frame=frame))
         every = pd.concat(parts, ignore_index=True)
         inside = TRACKED.contains(every[["x", "y"]].to_numpy())

@@ -125,9 +125,12 @@ def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
     assert changed == {"flights", "slices"}
 
 
-def test_a_worker_of_another_version_or_elsewhere_is_refused(run, monkeypatch):
-    with pytest.raises(InputError, match="another version"):
-        kiln._make_table((run, range(204, 208), paths.derived() / "detections-0.parquet"))
-    monkeypatch.setattr(kiln, "_make_table", lambda piece: None)
-    with pytest.raises(InputError, match="same folder"):
-        kiln.make_tables([run])
+def test_a_worker_of_another_version_or_elsewhere_is_refused(run):
+    def work_for_another_version(make, pieces, *_):
+        make((run, pieces[0][1], paths.derived() / "detections-0.parquet"))
+
+    run = replace(run, detection=replace(run.detection, detector=Combination(DoG(302.0))))
+    with pytest.raises(InputError, match=r"detections-0\.parquet"):
+        kiln.make_tables([run], work_for_another_version)
+    with pytest.raises(InputError, match=run.detection.table(range(202, 204)).path.name):
+        kiln.make_tables([run], lambda *_: None)

@@ -16,7 +16,7 @@ The rooms:
 ===============  ===============================================================
 room             what it does
 ===============  ===============================================================
-recording        frames of a plenoptic camera: read, write, import, summarise
+recording        frames: films, pictures, arrays, manifests, Zarr; tables of tracks
 camera           depth calibration, Eq. 2.4 of the thesis
 background       six background models, section 2.2.1 of the thesis
 detection        Otsu, DoG; DBSCAN, MO, QCC; combined 2D+3D detector; the wall
@@ -27,13 +27,15 @@ regression       trajectories -> polynomials through the lance's outlet, chapter
 flight           trajectories -> flights: dwell time, velocity by metre, section 5.3
 ignition         when a particle ignites
 scores           detections, tracks and flights against the truth, with intervals
-tables, checks   columns and units of every table; the one place that words errors
+tables, checks   columns and units of every table; checks of input and their error
+arrays           types of arrays
 kiln             the whole way from a frame to a flight
-run              a recording of one's own: open, detect, track, plot, all with a report
+run              a recording of one's own: open, detect, track, plot, summarise, report
 twin             a kiln whose truth is known: flights as printed, camera, scenes
-belt             the sorter of both papers: simulation, pictures, models, valves
-experiments      what only notebooks ask
-project          figures, claims, notebooks, site, cache; no physics
+belt             the sorter of both papers: spots, tracker, models, valves
+sorter           what the belt's camera sees: rendered pictures, a small model of the belt
+experiments      what two notebooks share, or is longer than a page
+project          figures, claims, notebooks, cache, processes; no physics
 ===============  ===============================================================
 """
 

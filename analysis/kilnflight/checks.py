@@ -1,4 +1,4 @@
-"""Checks of input, the only place that words their errors."""
+"""Checks of columns, shapes and numbers, and the error for unusable input."""
 
 from __future__ import annotations
 

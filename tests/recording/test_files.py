@@ -6,6 +6,7 @@ from contextlib import suppress
 import cv2
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.io
 import tifffile
@@ -198,7 +199,9 @@ BAD = {
     "flat.npy": lambda path: np.save(path, FILM[0]),
     "nothing.npy": lambda path: np.save(path, FILM[:0]),
     "text.npy": lambda path: np.save(path, np.full((3, 4, 5), "a")),
+    "number.npy": lambda path: np.save(path, 3.0),
 }
+WHOLE = ("text.xyz", "z.tif", "channels.ome.tif", "two.h5")  # neither cut off nor damaged
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -207,6 +210,15 @@ def test_what_cannot_be_opened_is_one_error_with_its_path(name, tmp_path):
     with pytest.raises(InputError, match=re.escape(name.split(".", maxsplit=1)[0])) as error:
         open_any(tmp_path / name)
     assert "\n" not in str(error.value)
+    assert name not in WHOLE or "damaged" not in str(error.value)
+    assert name != "two.h5" or "a, b" in str(error.value)
+
+
+@pytest.mark.parametrize("stated", [{"channel": "red"}, {"frame_rate_hz": 5.0}])
+def test_a_stored_recording_keeps_its_own_rate_and_channel(stated, tmp_path):
+    write_recording(open_any(FILM), tmp_path / "a.zarr")
+    with pytest.raises(InputError, match="frame_rate_hz"):
+        open_any(tmp_path / "a.zarr", **stated)
 
 
 @pytest.mark.parametrize("name", [name for name in KINDS if "." in name and "film" not in name])
@@ -226,7 +238,10 @@ def test_a_file_that_is_cut_or_overwritten_is_no_film_of_fewer_frames(name, tmp_
 
 @pytest.mark.parametrize(
     "source",
-    [3, None, FILM[0], [], np.full((2, 3, 4), np.nan), np.array(["a"]), FILM[None, None]],
+    [
+        *(3, None, FILM[0], [], np.full((2, 3, 4), np.nan), np.array(["a"]), FILM[None, None]),
+        *(np.array(3), pd.DataFrame({"a": [1]}), {0: FILM[0]}, {1, 2}),
+    ],
     ids=lambda source: type(source).__name__,
 )
 def test_what_is_no_film_in_memory_is_refused(source):

@@ -150,7 +150,7 @@ def test_the_documented_manifest_is_right(files):
     text = re.search(r"(?ms)^    name = .*?^    classes[^\n]*", module.__doc__).group()
     text = textwrap.dedent(text).replace("frame_{frame", "{frame")
     text = text.replace("xyz/{frame:04d}", "xyz/{frame}")
-    text = re.sub("(?m)^(roi|flame_roi|channel) .*$", "", text)  # of a larger image, or coloured
+    text = re.sub("(?m)^(roi|flame_roi) .*$", "", text)  # of a larger image
     (files.folder / "example.toml").write_text(text)
     recording = open_any(files.folder / "example.toml")
     assert recording.attributes.name == "chips-4.5bar"
@@ -204,15 +204,21 @@ BAD = [
     (change(None, depth_calibration="zhang-2023", coordinates={"pattern": "near.npy"}), "near.npy"),
     *((change(None, **{key: value}), key) for key, value in {
         **{"frame_rate_hz": -330.0, "name": 5, "roi": [1, 2, 3], "lance_mm": [1.0, 2.0]},
-        **{"presure": 5, "flame_roi": [8, 2, 3, 9], "depth_calibration": "mine"},
+        **{"presure": 5, "flame_roi": [8, 2, 3, 9], "depth_calibration": "mine", "rows": 5},
     }.items()),
-    (change(None, rows=5), "5 x 32"),
+    (change(None, flame_roi=[8, 9]), "flame_roi"),
+    (change(None, lance_mm=["a", 2.0, 3.0]), "lance_mm"),
+    (change(None, roi=[[0], [24, 0], [24, 32]]), "roi"),
+    (lambda files: files.entries.pop("frame_rate_hz"), "frame_rate_hz is missing"),
     (lambda files: files.entries.pop("gray"), "gray"),
     (lambda files: files.entries.pop("name"), "name"),
     (change(None, gray="gray/*.tif"), "small.toml"),
     (change("gray", bits=12), "bits"),
     (change("gray", pattern="gray/{frame}.png"), "gray/{frame}.png"),
-    (change("gray", pattern=3), "small.toml"),
+    (change("gray", pattern=3), "small.toml: [gray] pattern"),
+    *((change("coordinates", invalid=value), "[coordinates] invalid") for value in ([1], True)),
+    *((change("labels", classes={120: value}), "small.toml: [labels] classes")
+      for value in (2.5, 300, "b", [1])),
     *((change("coordinates", **{key: value}), key) for key, value in {
         **{"form": "cloud", "unit": "cm", "invalid": "none", "origin": 2},
         **{"key": "xyz"},

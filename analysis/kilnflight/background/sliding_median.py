@@ -116,7 +116,6 @@ class _Network:
         return steps[::-1]
 
 
-@lru_cache(maxsize=64)
 def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.NDArray[np.int32]:
     """Return the program (n, 6) that emits four ranks of every window.
 
@@ -248,7 +247,7 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
     Windows with the frame itself are consecutive frames and share nearly all work. So the program
     gives the middle ranks with the frame, and `_middle` takes it out.
     """
-    out = np.empty((0, 0))
+    out, program = np.empty((0, 0)), lru_cache(_program)  # most chunks share a program of 10 ms
     for chunk in _chunks(indices, window, held.length):
         windows = [surrounding(index, window, held.length) for index in chunk]
         first = min(around.start for around in windows)
@@ -260,7 +259,7 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
         if others := len(windows[0]) - 1:
             low, high = (others - 1) // 2, others // 2
             ranks = (low, low + 1, high, high + 1)
-            table = _program(others + 1, ranks, tuple(w.start - first for w in windows))
+            table = program(others + 1, ranks, tuple(w.start - first for w in windows))
             scratch = np.zeros((table.max() + 2, min(_TILE, out.shape[1])), held.kind)
             for start in range(0, out.shape[1], _BAND):
                 band = np.stack([held[t].ravel()[start : start + _BAND] for t in needed])

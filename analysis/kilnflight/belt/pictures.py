@@ -21,6 +21,7 @@ from kilnflight.tables import BELT_SPOTS
 
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
 TOUCHING_FROM = 1.5  # of a single particle's area: half-way between one and two
+LEAST_PX = 12.0  # of a spot; smaller is noise: a disc of 1.7 mm across; not printed
 MOST_PARTS = 8  # a larger spot is left whole: it is no few particles that touch; choice
 
 
@@ -59,7 +60,6 @@ class Spots:
     """
 
     threshold: float = 40.0  # grey values of 255, above any noise of a camera; not printed
-    least_px: float = 12.0  # smaller is noise: a disc of 1.7 mm across; not printed
     single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
     split: bool = False  # neither paper used it
 
@@ -81,7 +81,7 @@ class Spots:
         area = np.bincount(spot, minlength=count - 1).astype(np.float64)
         places = [np.bincount(spot, along, count - 1) / area for along in pixels.T]
         several = area > TOUCHING_FROM * self.single_px
-        found, kept = np.column_stack([*places, area, several]), area >= self.least_px
+        found, kept = np.column_stack([*places, area, several]), area >= LEAST_PX
         if not self.split:
             return found[kept]
         number = np.rint(area / self.single_px)

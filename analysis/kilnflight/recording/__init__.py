@@ -1,1 +1,1 @@
-"""Recordings: frames of a plenoptic camera, on disk, imported, and in numbers."""
+"""Recordings: frames of a plenoptic camera or a film, on disk and imported; tables of tracks."""

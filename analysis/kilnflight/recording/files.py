@@ -33,7 +33,7 @@ A manifest says what lies where. Patterns are relative to it::
 
     [gray]                            # anything that `open_any` takes
     pattern = "gray/frame_{frame:04d}.tif"
-    channel = "red"                   # of coloured pictures
+    # channel = "red"                 # only of coloured pictures; refused for grey ones
 
     [coordinates]
     pattern = "xyz/frame_{frame:04d}.mat"
@@ -65,10 +65,8 @@ import hashlib
 import logging
 import os
 import re
-import struct
 import tomllib
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,31 +78,27 @@ import numpy.typing as npt
 import pandas as pd
 import scipy.io
 import tifffile
-from scipy.io.matlab import MatReadError
 
 from kilnflight.arrays import Picture
-from kilnflight.checks import InputError, check_shape, known_numbers
-from kilnflight.recording.frames import (
-    Attributes,
-    Frame,
-    Gray,
-    Recording,
-    check_frame,
-    check_position,
-)
-from kilnflight.recording.store import open_recording
+from kilnflight.checks import InputError, check_columns, check_shape, known_numbers
+from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, check_position
+from kilnflight.recording.store import StoredRecording, open_recording
 
-FILMS = (".avi", ".mkv", ".mov", ".mp4")
-TIFFS = (".tif", ".tiff")
-PICTURES = (".jpeg", ".jpg", ".png")
-CHANNELS = ("red", "green", "blue")
+FILMS, TIFFS = (".avi", ".mkv", ".mov", ".mp4"), (".tif", ".tiff")
+PICTURES, CHANNELS = (".jpeg", ".jpg", ".png"), ("red", "green", "blue")
 POINT = ["row", "col", "x", "y", "z"]
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
-# What the libraries raise on files that are cut, damaged or of another kind.
-ODD = (MatReadError, struct.error, zlib.error)
-UNREADABLE = (EOFError, LookupError, OSError, RuntimeError, ValueError, *ODD)
 Anything = npt.NDArray[Any]
+# Keys of a manifest and of its tables, each with a regular expression of its value's `repr`
+TEXT, NUMBER, PARTS = r"['\"].*", r"-?(?:inf|nan|\d[\d.e+-]*)", ("gray", "coordinates", "labels")
+MANIFEST = dict.fromkeys(("name", "fraction"), TEXT) | dict.fromkeys(PARTS, r"\{.*\}")
+MANIFEST |= dict.fromkeys(("frame_rate_hz", "pressure_bar"), NUMBER)
+MANIFEST |= {"lance_mm": rf"\[{NUMBER}, {NUMBER}, {NUMBER}\]", "flame_roi": r"\[(\d+(, |\])){4}"}
+MANIFEST |= {"roi": rf"\[(\[{NUMBER}, {NUMBER}\](, )?)+\]", "depth_calibration": r"['\"\[{].*"}
+PART = dict.fromkeys(("pattern", "key", "channel"), TEXT) | {"invalid": f"'nan'|{NUMBER}"}
+PART |= {"form": "'grid'|'points'", "unit": "'mm'|'m'", "origin": "[01]"}
+PART |= {"classes": r"\{('-?\d+': [0-4](, )?)*\}"}  # of Table 5.1
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what is raised here
 
@@ -121,14 +115,6 @@ class Part:
     unit: str = "mm"
     origin: int = 0
     classes: Mapping[str, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        allowed = {"form": ("grid", "points"), "unit": ("mm", "m"), "origin": (0, 1)}
-        wrong = [key for key, values in allowed.items() if getattr(self, key) not in values]
-        wrong += [name for name in self.classes if not name.lstrip("-").isdecimal()]
-        wrong += ["invalid"] if isinstance(self.invalid, str) and self.invalid != "nan" else []
-        if wrong:
-            raise InputError(f"{', '.join(wrong)}: not as a manifest has it")
 
 
 Parts = Mapping[str, tuple[Part, dict[int, Path]]]  # with the files by number of the frame
@@ -202,7 +188,7 @@ class FileRecording:
 
 def open_any(
     source: Any, *, channel: str | None = None, frame_rate_hz: float | None = None
-) -> Recording:
+) -> FileRecording | StoredRecording:
     """Open a recording of any kind.
 
     Parameters
@@ -213,7 +199,8 @@ def open_any(
     channel
         ``"red"``, ``"green"`` or ``"blue"``; None: of coloured pictures the brightest.
     frame_rate_hz
-        None: that of the film, or 1. Zarr recordings and manifests state their own.
+        None: that of the film, or 1. Zarr recordings and manifests state rate and channel
+        themselves; with them both are refused.
 
     Raises
     ------
@@ -226,18 +213,20 @@ def open_any(
     >>> len(recording), int(recording.gray(1)[0, 0])
     (3, 32768)
     """
-    name = "array"
+    name, indexed = "array", hasattr(source, "__len__") and hasattr(source, "__getitem__")
     if isinstance(source, str | os.PathLike):
-        path, text = Path(source), os.fspath(source)
-        if path.suffix.lower() == ".toml":
-            return _manifest(path)
-        if (path / "zarr.json").is_file() or not (path.exists() or re.search(r"[*?{\[]", text)):
-            return open_recording(path)
-        (images, numbers), name = _images(Part(text), Path()), path.stem or path.resolve().name
-    elif hasattr(source, "__len__") and hasattr(source, "__getitem__"):
+        path, manifest = Path(source), Path(source).suffix.lower() == ".toml"
+        is_there = path.exists() or re.search(r"[*?{\[]", str(path))
+        if manifest or not is_there or (path / "zarr.json").is_file():
+            recording = _manifest(path) if manifest else open_recording(path)
+            if channel is not None or frame_rate_hz is not None:
+                raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
+            return recording
+        (images, numbers), name = _images(Part(str(path)), Path()), path.stem or path.resolve().name
+    elif indexed and not hasattr(source, "keys") and getattr(source, "shape", True):
         images, numbers = source, range(len(source))
     else:
-        raise InputError(f"source: {source!r} is no path and no array of frames.")
+        raise InputError(f"source: {type(source).__name__} is no path and no array of frames.")
     return _recording(images, numbers, {"name": name, "frame_rate_hz": frame_rate_hz}, channel, {})
 
 
@@ -303,14 +292,11 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
     """Return the files of a folder or pattern by the number of their frame, in order."""
     whole, number = (folder / pattern).is_dir(), r"(?P<number>\d+)"
     text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(pattern))) + "/*" * whole
-    rule, files = number + r"[^\d/]*\.\w+$", dict[int, Path]()  # the last number of the name
-    if "FRAME" in text:
-        rule = fnmatch.translate(text).replace("FRAME", number, 1)
-    endings = PICTURES + TIFFS if whole else ("",)
-    for name in sorted(glob.glob(text.replace("FRAME", "*"), root_dir=folder)):
-        found, path = re.search(rule, name), folder / name
-        if not name.lower().endswith(endings):
-            continue
+    last, named = number + r"[^\d/]*\.\w+$", fnmatch.translate(text).replace("FRAME", number, 1)
+    files, endings = dict[int, Path](), PICTURES + TIFFS if whole else ("",)
+    names = glob.glob(text.replace("FRAME", "*"), root_dir=folder)
+    for name in sorted(name for name in names if name.lower().endswith(endings)):
+        found, path = re.search(named if "FRAME" in text else last, name), folder / name
         if not found or int(found["number"]) in files:
             advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
             raise InputError(f"{path}: has no number, or that of another file. {advice}.")
@@ -357,10 +343,10 @@ def _manifest(manifest: Path) -> FileRecording:
     folder = manifest.parent
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))
-        names = ("gray", "coordinates", "labels")
-        parts = {name: Part(**table.pop(name)) for name in names if name in table}
-        if "gray" not in parts:
-            raise InputError("there is no [gray]; give it a pattern")
+        _check_table(table, MANIFEST, "name", "frame_rate_hz", "gray")
+        for name in table.keys() & set(PARTS):
+            _check_table(table[name], PART, "pattern", where=f"[{name}] ")
+        parts = {name: Part(**table.pop(name)) for name in PARTS if name in table}
         gray = parts.pop("gray")
         images, numbers = _images(gray, folder)
         files = {name: (part, _numbered(part.pattern, folder)) for name, part in parts.items()}
@@ -370,6 +356,14 @@ def _manifest(manifest: Path) -> FileRecording:
         return _recording(images, numbers, table, gray.channel, files)
     except (OSError, TypeError, ValueError) as error:  # not there, a wrong type, no TOML or text
         raise InputError(f"{manifest}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _check_table(table: Any, rules: Mapping[str, str], *needed: str, where: str = "") -> None:
+    """Raise an `InputError` that names a key, if one is missing, unknown or of another form."""
+    for key in (*needed, *table):
+        if not re.fullmatch(rules.get(key, ""), repr(table.get(key))):
+            wrong = f"= {table[key]!r:.80} cannot be used" if key in table else "is missing"
+            raise InputError(f"{where}{key} {wrong}; see pydoc kilnflight.recording.files.")
 
 
 @dataclass(frozen=True)
@@ -432,49 +426,61 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
     ending = path.suffix.lower()
     try:
         if ending in TIFFS:
-            pages = _tiff(path)
+            pages = _decoded(_tiff, path)
             return pages if stack or len(pages) > 1 else pages[0]
         if ending in PICTURES:
             content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
             picture = _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
             return picture[None] if stack else picture
         if ending == ".csv":
-            return pd.read_csv(path, skipinitialspace=True)[POINT].to_numpy()
+            points = pd.read_csv(path, skipinitialspace=True)
+            check_columns(points, POINT, "points")
+            return points[POINT].to_numpy()
         if ending == ".npy":
-            return np.load(path, mmap_mode="r")
-        if ending in (".h5", ".hdf5", ".mat") and h5py.is_hdf5(path):
-            with h5py.File(path) as file:
+            return np.atleast_1d(_decoded(np.load, path, mmap_mode="r"))
+        if ending in (".h5", ".hdf5") or (ending == ".mat" and h5py.is_hdf5(path)):
+            with _decoded(h5py.File, path) as file:
                 return _chosen(file, key).T if ending == ".mat" else _chosen(file, key)
         if ending == ".mat":
-            return _chosen(scipy.io.loadmat(path), key)
-        raise ValueError("this kind of file is not known; convert it")
-    except UNREADABLE as error:
-        reason = " ".join(str(error).split()) or "cut off"
-        raise InputError(f"{path}: cannot be read: {reason}. Is it cut off or damaged?") from error
+            return _chosen(_decoded(scipy.io.loadmat, path), key)
+        raise InputError("this kind of file is not known. Convert it.")
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+
+
+def _decoded(read: Callable[..., Any], path: Path, **options: Any) -> Any:
+    """Return what a library reads from a file; on damaged bytes it may raise anything."""
+    try:
+        return read(path, **options)
+    except Exception as error:
+        damaged = ValueError(f"{str(error) or 'no content'}. Is it cut off or damaged?")
+        raise error if isinstance(error, InputError) else damaged from error
 
 
 def _chosen(content: Any, key: str | None) -> Anything:
     """Return an array of a file by its key, or the only one."""
-    names = [name for name in content if not name.startswith("__")]  # as loadmat's own
-    name = names[0] if key is None and len(names) == 1 else key
-    if not name or name not in content:
-        raise ValueError(f"key {key!r} is none of {', '.join(names)}")
-    return np.asarray(content[name])
+    names = [name for name in map(str, content) if not name.startswith("__")]  # as loadmat's own
+    chosen = content.get(names[0] if key is None and len(names) == 1 else key or "/")
+    if not hasattr(chosen, "shape"):
+        missing = "" if key is None else f", and no array {key!r}"
+        raise InputError(f"it holds {', '.join(names)}{missing}. Name an array: key in a manifest.")
+    return np.atleast_1d(chosen)
 
 
 def _from_bgr(image: Anything | None) -> Anything:
     if image is None:
-        raise ValueError("it cannot be decoded")
+        raise ValueError("it cannot be decoded. Is it cut off or damaged?")
     return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
 
 
 def _tiff(path: Path) -> Anything:
     """Return the pages (n, rows, cols) or with colours, on disk where they can be mapped."""
     with tifffile.TiffFile(path) as tif:
-        series, page = tif.series[0], tif.pages[0]
+        empty = not tif.series  # this reads the table of pages
         tif.filehandle.seek(tif.pages.next_page_offset or 0)
-        if any(tif.filehandle.read(4)):
+        if empty or any(tif.filehandle.read(4)):
             raise ValueError("it ends within its pages")
+        series, page = tif.series[0], tif.pages[0]
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
         except ValueError as error:
@@ -485,5 +491,5 @@ def _tiff(path: Path) -> Anything:
         raise ValueError(f"its compression of {page.dtype} is not known")
     if {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1} - set("TIQYXS"):
         remedy = "Save one plane or channel, or call the axis T (ImageJ: Image > Properties)"
-        raise ValueError(f"of the axes {series.axes} only time (T) is read. {remedy}")
+        raise InputError(f"of the axes {series.axes} only time (T) is read. {remedy}.")
     return images.reshape(-1, *page.shape)

@@ -112,8 +112,7 @@ class Attributes:
             "flame_roi": 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns,
         }
         for key in (key for key, good in fits.items() if not good):
-            fault = f"{getattr(self, key)!r} does not fit {rows} x {columns} px"
-            raise InputError(f"{where}, {key}: {fault}.")
+            raise InputError(f"{where}, {key}: {getattr(self, key)!r} does not fit {self.size} px.")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -104,11 +104,10 @@ def run_recording(path: Path, target: Path | None, options: Options, workers: Wo
     print(f"tables and report: {report}")
 
 
-def _stored(recording: Recording, folder: Path) -> StoredRecording:
+def _stored(recording: FileRecording | StoredRecording, folder: Path) -> StoredRecording:
     """Return the recording, or its Zarr copy in a folder: films cannot be read at random."""
     if isinstance(recording, StoredRecording):
         return recording
-    assert isinstance(recording, FileRecording)  # `open_any` returns no other
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
     with locked(folder):
