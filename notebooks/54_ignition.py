@@ -131,7 +131,8 @@ for axes, key in zip(grid.flat, papers, strict=False):
         )
     plots.draw_published(axes, campaigns.of_campaign(bounds, key))
     axes.set(title=f"{key[0]}, {key[1]} bar", ylabel="% of all particles")
-for axes in grid[1]:
+_ = [axes.axis("off") for axes in grid.flat[len(papers) :]]
+for axes in grid[-1]:
     axes.set_xlabel("time from the lance (s)")
     axes.set_xticks([0, 0.2, 0.4, 0.6, 0.75, 0.95], ["0", "0.2", "0.4", "0.6", "later", "any"])
 grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
