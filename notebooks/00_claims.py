@@ -75,7 +75,7 @@ flown = pd.concat([pd.read_csv(part) for part in parts if part.is_file()], ignor
 flown = flown.rename(columns={"outcome": "quantity", "verdict": "recovered"})
 flown["recovered"] = flown["recovered"].replace({"recovered": "yes", "biased": "no"})
 names = flown["fraction"] + " " + flown["pressure_bar"].astype(str) + " " + flown["quantity"]
-flown.insert(0, "id", names.str.replace(r"[^\w.]+", "-", regex=True))
+flown.insert(0, "id", names.str.replace(r"[^\w.]+", "-", regex=True).str.strip("-"))
 order = ["id", "fraction", "pressure_bar", "quantity", "printed", "put_in", "true", "measured"]
 flown = flown[[*order, "low", "high", "recovered"]]
 caption = (
