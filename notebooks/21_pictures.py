@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Detection in pictures: SIFT detects more than Otsu's threshold
+# # Detection in pictures: Otsu's threshold finds what burns, SIFT more of what does not
 #
 # **The work.** The thesis (sections 2.2.2, 2.2.3 and 5.1.3) detects particles in 50 labelled
 # frames after the median background. Otsu's threshold finds what burns (Table 5.5). SIFT also
@@ -8,10 +8,10 @@
 # **Here.** Both detectors on five simulated recordings. The threshold of SIFT for a recording is
 # found on the other four, as in the thesis.
 #
-# **One number.** F1 of SIFT: 0.8749 printed, 0.6893 here.
+# **One number.** F1 of SIFT: 0.8749 printed, 0.8046 here.
 #
-# **What disagrees.** Both detectors miss many burning particles here, since glowing char is dimmer
-# than a flame.
+# **What disagrees.** SIFT rejects long flames as edges. It detects 76 % of what burns in the air,
+# Otsu's threshold 94 %; in print both find nearly all.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two subsets), standard or full
@@ -109,8 +109,8 @@ each = {
 ahead = [each["V5"]["SIFT"] - each["V5"]["Otsu"]]
 ahead += [rates["SIFT"] - each["V5"]["SIFT"] for name, rates in each.items() if name != "V5"]
 result = (
-    f"F1 rises from {f1['Otsu']:.3f} with Otsu's threshold to {f1['SIFT']:.3f} with SIFT, which "
-    f"finds {unlit['SIFT'].mean():.0%} of the particles that do not burn."
+    f"F1 is {f1['Otsu']:.3f} with Otsu's threshold and {f1['SIFT']:.3f} with SIFT, which finds "
+    f"{unlit['SIFT'].mean():.0%} of the particles that do not burn."
 )
 
 # %%

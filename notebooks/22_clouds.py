@@ -8,10 +8,10 @@
 # **Here.** The same settings on simulated clouds without the flame, depth after Eq. 2.4. A cluster
 # is a detection at the centre of its pixels.
 #
-# **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.4933 here.
+# **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.3979 here.
 #
-# **What disagrees.** The clusterers find fewer of the burning particles here, 77 to 87 % instead of
-# nearly all.
+# **What disagrees.** The best F1 is 0.44 to 0.46 here. Two of three detections are false; in print
+# about half are.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full

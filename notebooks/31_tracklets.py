@@ -8,11 +8,10 @@
 # **Here.** The steps on simulated wood chips and paper shreds, with the values of Table 5.16. The
 # tracker is GNN at its defaults. All tracks are scored, distance 10 px.
 #
-# **One number.** Level-Edge energy on a streak over that off it: 7 to 39 times printed, 18.3 times
+# **One number.** Level-Edge energy on a streak over that off it: 7 to 39 times printed, 10.5 times
 # here.
 #
-# **What disagrees.** Nothing that is tested here; dual nearest neighbours and the Hungarian method
-# cannot be told apart.
+# **What disagrees.** Nothing that is tested here.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames of the windows

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Tracking: post-processing does not raise tracks that are good already
+# # Tracking: post-processing does not raise alpha and beta here
 #
 # **The work.** The thesis tracks four fractions with GNN and JPDA (sections 5.2.1 to 5.2.3, Tables
 # 5.15 and 5.17). Post-processing raises all four measures, and JPDA is slightly ahead.
@@ -7,10 +7,10 @@
 # **Here.** Simulated campaigns at 4.5 bar, in windows with about as many trajectories as Table
 # 5.15. Detections are those of SIFT and DBSCAN combined that are not known to be on the wall.
 #
-# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.76 here.
+# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.63 here.
 #
-# **What disagrees.** Tracks without post-processing are already as good as the printed final ones,
-# so it gains nothing; and GNN is ahead of JPDA.
+# **What disagrees.** Post-processing raises alpha and beta in print. Here it joins pieces but leaves
+# positions out. GNN is ahead of JPDA, and shreds are tracked far worse than confetti.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
