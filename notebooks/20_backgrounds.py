@@ -11,7 +11,7 @@
 #
 # **One number.** F1 of the median background: 0.8592 printed, 0.8046 here.
 #
-# **What disagrees.** The mean is 0.008 ahead of the median here. The worst is the 3-frame difference,
+# **What disagrees.** The mean is 0.008 ahead of the median here. The 3-frame difference is worst,
 # 0.17 behind; in print all models lie within 0.02.
 
 # %% tags=["parameters"]

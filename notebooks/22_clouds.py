@@ -187,7 +187,7 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 analysed = attempts["row"] == attempts["family"].map({"dbscan": 5, "mo": 1, "qcc": 2})
 recall = detection_tables.class_recall(attempts[analysed], ["family", "subset"])
 titles = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
-picture = plots.draw_class_recall(recall.replace({"family": titles}), "family")
+picture = plots.draw_class_recall(recall.replace({"family": titles}), "family", {})
 caption = (
     "Simulated recall of each class by the three clusterers, after Figs 5.8 to 5.10. No bar: fewer "
     "than ten sightings."

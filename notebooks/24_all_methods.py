@@ -10,8 +10,8 @@
 #
 # **One number.** F1 of SIFT with DBSCAN: 0.9017 printed, 0.8688 here.
 #
-# **What disagrees.** Otsu's threshold combined with QCC is best here, F1 0.891, and combining lowers
-# the precision. Clouds alone reach 0.45, in print about 0.6.
+# **What disagrees.** Otsu's threshold with QCC is best here, F1 0.891, and combining lowers the
+# precision. Clouds alone reach 0.45, in print about 0.6.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full

@@ -9,8 +9,8 @@
 #
 # **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.63 here.
 #
-# **What disagrees.** Post-processing raises alpha and beta in print. Here it joins pieces but leaves
-# positions out. GNN is ahead of JPDA, and shreds are tracked far worse than confetti.
+# **What disagrees.** Alpha and beta do not rise, since joined tracks have fewer positions. GNN is
+# ahead of JPDA, and shreds are tracked far worse than confetti.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full

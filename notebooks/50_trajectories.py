@@ -8,7 +8,7 @@
 # **Here.** The same fit on all tracks of the simulated campaigns after post-processing. The outlet
 # is known, as it was to the authors.
 #
-# **One number.** Median R2 in depth of paper shreds: 0.55 printed, 0.68 here.
+# **One number.** Median R2 in depth of paper shreds: 0.55 printed, 0.53 here.
 #
 # **What disagrees.** Nothing that is tested here.
 

@@ -199,7 +199,7 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
 
 
 def draw_class_recall(
-    recall: pd.DataFrame, by: str, published: Sequence[Sequence[float]] = ()
+    recall: pd.DataFrame, by: str, published: Mapping[str, Sequence[Sequence[float]]]
 ) -> Figure:
     """Draw the recall of each class by subset, after Figs 5.5, 5.6, 5.8 and 5.10.
 
@@ -212,7 +212,7 @@ def draw_class_recall(
     by
         Column whose values are the panels, such as "method".
     published
-        Published recall (classes, subsets) for the first panel, in the order of its bars.
+        Published recall (classes, subsets) by panel, in the order of its bars.
     """
     few = recall["tp"] + recall["fn"] < 10
     groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
@@ -220,9 +220,9 @@ def draw_class_recall(
     for axes, (name, table) in zip(panels, groups, strict=True):
         draw_bars(axes, table, "subset", "kind", "recall")
         axes.set_title(str(name))
-    for bars, values in zip(panels[0].containers, published, strict=False):
-        at = [bar.get_x() + bar.get_width() / 2 for bar in bars]
-        panels[0].plot(at, values, clip_on=False, **PUBLISHED)
+        for bars, values in zip(axes.containers, published.get(str(name), ()), strict=False):
+            at = [bar.get_x() + bar.get_width() / 2 for bar in bars]
+            axes.plot(at, values, clip_on=False, **PUBLISHED)
     panels[0].set_ylabel("recall")
     handles, labels = panels[0].get_legend_handles_labels()
     known = dict(zip(labels, handles, strict=True))
