@@ -92,7 +92,8 @@ changed = sensitivity.sensitivity(reduced, seed, jobs, scenarios)
 caption = (
     "F1 of SIFT with DBSCAN, alpha of GNN with post-processing, biases of dwell time and of the "
     "velocity in the first metre, and false ignitions of papers, as one input changes at a time. "
-    f"On the frames of scale {reduced}. Feed and lance do not change the labelled frames of F1."
+    f"On the frames of scale {reduced}, where false ignitions are of a handful of papers. Feed and "
+    "lance do not change the labelled frames of F1."
 )
 figures.save("twin-sensitivity", changed, caption=caption, provenance=origin)
 changed
