@@ -92,7 +92,7 @@ for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
             for part in (campaigns.of_campaign(t, tuple(one[KEYS])) for t in results.tables[:2])
         )
         fit = regression.fits(fitted)[one["particle"]]
-        if straight_on(fit, one["end_s"])[0, 1] < fit.exit_point_mm[1]:
+        if straight_on(fit, one["end_s"])[0, 1] > fit.exit_point_mm[1]:
             continue  # the next longer one: this one ends above the lance
         shown.append(index)
         axes.set_title(f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar")

@@ -10,7 +10,7 @@
 #
 # **One number.** Mean alpha of GNN after post-processing: 0.585 printed, 0.428 here.
 #
-# **What disagrees.** Long flights are lost more often than short ones. So medians of campaigns are up
+# **What disagrees.** Long flights are lost more often than short ones. So medians are up
 # to 0.07 s too short, which the regression cannot mend.
 
 # %% tags=["parameters"]
