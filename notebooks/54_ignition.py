@@ -8,7 +8,7 @@
 # **Here.** Both judgements as tests, since the thesis prints no rule: `lights_up` for chips and
 # granules, `Ignition` for papers. The simulation knows which particles burn.
 #
-# **One number.** Confetti that ignites at 4.5 bar: 26 % printed, 43.9 % here (true: 23.1 %).
+# **One number.** Confetti that ignites at 4.5 bar: 26 % printed, 43.9 % here. (True: 23.1 %.)
 #
 # **What disagrees.** Measured shares of confetti are 21 and 33 points too high. Traces call 82 % of
 # the unlit chips and granules burning.

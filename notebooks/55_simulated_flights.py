@@ -78,12 +78,16 @@ for k, name in enumerate(names[::2]):
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
     axes.set_title(f"{name}, {bar} bar")
 ends = [
-    (name, ENDS[end], count)
+    (name, ENDS[end], (each.end == end).sum(), np.median(depth[each.end == end]))
     for name, each in flown.items()
-    for end, count in zip(*np.unique(each.end, return_counts=True), strict=True)
+    for depth in [np.nanmax(paths[name][..., 0], axis=1)]
+    for end in np.unique(each.end)
 ]
-data = pd.DataFrame(ends, columns=["fraction", "end", "particles"])
-caption = "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end."
+data = pd.DataFrame(ends, columns=["fraction", "end", "particles", "median_depth_m"])
+caption = (
+    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end, and how "
+    "deep."
+)
 figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
