@@ -8,7 +8,7 @@
 # **Here.** Our own simulated flights take the place of the CFD: another batch of the particles in
 # the recordings. They are compared with what the chain measures in the recording at 5 bar.
 #
-# **One number.** Median depth of simulated wood chips at 5 bar: over 4 m printed, 3.98 m here.
+# **One number.** Median depth of landing wood chips at 5 bar: over 4 m printed, 3.52 m here.
 #
 # **What disagrees.** The thesis finds an agreement; here three of eight distributions differ beyond
 # chance.
@@ -85,8 +85,8 @@ ends = [
 ]
 data = pd.DataFrame(ends, columns=["fraction", "end", "particles", "median_depth_m"])
 caption = (
-    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end, and how "
-    "deep."
+    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the table: how all end, and "
+    "how deep."
 )
 figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
 
