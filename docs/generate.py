@@ -24,13 +24,15 @@ from kilnflight.project.cache import write_whole
 
 DOCS = Path(__file__).parent
 # How work and place of its claims begin: title, number of the notebook whose result is shown
+# Title: where its claims stand, notebooks whose results are shown, a table to read first
 CHAPTERS = {
-    "thesis 2": ("Depth camera", "02"),
-    "thesis (3|5.1|6)": ("Detection", "24"),
-    "thesis (4|5.2)": ("Tracking", "32"),
-    "thesis (5.3|A)": ("Flight and combustion", "56"),
-    "belt-2020": ("Belt, 2020", "40"),
-    "belt-2016": ("Belt, 2016", "43"),
+    "Detection": ("thesis (3|5[.]1|6)", ("24",), "detection-scores"),
+    "Tracking": ("thesis (4[.]2|5[.]2)", ("32",), "table-5-17-tracking"),
+    "Regression": ("thesis 4[.]3", ("50",), "table-5-18-regression"),
+    "Flight": ("thesis (5[.]3[.]1|A)", ("52", "53"), "dwell-recovery"),
+    "Ignition": ("thesis 5[.]3[.]2", ("54",), "ignition-recovery"),
+    "Belt": ("belt-", ("40",), "fig-belt20-9-arrival"),
+    "Misprints": ("misprint", ("00",), "errata"),
 }
 STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}  # of the figures' ids
 LONGEST = 150  # rows of a table that a page shows
@@ -141,10 +143,10 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
     judged = claims.collect().join(claims.load()[["work", "where"]], on="id")
     where, concluded = judged["work"] + " " + judged["where"], figures.index()["notebooks"]
     rows = []
-    for start, (title, number) in CHAPTERS.items():
-        results = [each["result"] for stem, each in concluded.items() if stem.startswith(number)]
+    for title, (start, chosen, shown) in CHAPTERS.items():
+        results = [each["result"] for stem, each in concluded.items() if stem.startswith(chosen)]
         part = judged[where.str.match(start)]
-        row = {"title": title, "claims": len(part), "result": " ".join(results)}
+        row = {"title": title, "claims": len(part), "result": " ".join(results), "shown": shown}
         rows.append(row | claims.count(part))
     return rows, {"claims": len(judged), **claims.count(judged)}
 

@@ -33,8 +33,8 @@ import pandas as pd
 from matplotlib import cbook
 
 from kilnflight import camera
+from kilnflight.experiments.plate import see_all_plates, see_plate
 from kilnflight.project import figures, paths, style
-from kilnflight.twin.camera import see_all_plates, see_plate
 
 style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]

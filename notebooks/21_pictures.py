@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Detection in pictures: SIFT detects more than Otsu's threshold
+# # Detection in pictures: Otsu's threshold finds what burns, SIFT more of what does not
 #
 # **The work.** The thesis (sections 2.2.2, 2.2.3 and 5.1.3) detects particles in 50 labelled
 # frames after the median background. Otsu's threshold finds what burns (Table 5.5). SIFT also
@@ -8,10 +8,10 @@
 # **Here.** Both detectors on five simulated recordings. The threshold of SIFT for a recording is
 # found on the other four, as in the thesis.
 #
-# **One number.** F1 of SIFT: 0.8749 printed, 0.6893 here.
+# **One number.** F1 of SIFT: 0.8749 printed, 0.8046 here.
 #
-# **What disagrees.** Both detectors miss many burning particles here, since glowing char is dimmer
-# than a flame.
+# **What disagrees.** SIFT rejects long flames as edges. It detects 76 % of what burns in the air,
+# Otsu's threshold 94 %; in print both find nearly all.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two subsets), standard or full
@@ -68,13 +68,16 @@ figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 # %%
 both = pd.concat([otsu, sift], ignore_index=True)
 recall = detection_tables.class_recall(both, ["method", "subset"])
-# Section 5.1.3 and Fig. 5.5: recall of non-burning particles by Otsu's method
-printed = {"V1": 0.16, "V2": 0.16, "V3": 0.16, "V4": 0.0, "V5": 0.35}
-known = [printed[subset.name] for subset in subsets]
+# Section 5.1.3, Figs 5.5 and 5.6: recall in V1 to V5, in air with flame, without; on the wall
+unlit_of_otsu = [0.16, 0.16, 0.16, 0.0, 0.35]
+printed = {"Otsu": [[1.0] * 5, unlit_of_otsu, [0.9] * 5], "SIFT": [[1.0] * 5, [0.5] * 5, [1.0] * 5]}
+rows = [int(subset.name[1]) - 1 for subset in subsets]
+known = {name: [[values[row] for row in rows] for values in each] for name, each in printed.items()}
 picture = plots.draw_class_recall(recall, "method", known)
 caption = (
     "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6. "
-    "Diamonds: non-burning particles, published. No bar: fewer than ten sightings."
+    "Diamonds: published by class; for SIFT about 1, and 0.5 on average of what does not burn. No "
+    "bar: fewer than ten sightings."
 )
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 
@@ -99,21 +102,25 @@ figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
 of_otsu, of_sift = (table.set_index("subset")["f1"] for table in (of_otsu, of_sift))
 f1 = pd.Series({"SIFT": of_sift.pop("Total"), "Otsu": of_otsu.pop("Total")})
 unlit = recall[recall["label"] == 3].set_index(["method", "subset"])["recall"]
-half = claims.about(unlit["SIFT"].mean(), 0.5, 0.05)
-more = bool(unlit["SIFT"].mean() > unlit["Otsu"].mean())
-fifth = claims.all_of(of_sift.idxmin() == "V5", of_sift["V5"] > of_otsu["V5"])
+half, more = abs(unlit["SIFT"].mean() - 0.5) <= 0.05, unlit["SIFT"].mean() > unlit["Otsu"].mean()
+draws = detection_tables.resampled_rates(both, seed)["f1"]
+each = {
+    name: detection_tables.resampled_rates(part, seed)["f1"]
+    for name, part in both.groupby("subset")
+}
+ahead = [each["V5"]["SIFT"] - each["V5"]["Otsu"]]
+ahead += [rates["SIFT"] - each["V5"]["SIFT"] for name, rates in each.items() if name != "V5"]
 result = (
-    f"F1 rises from {f1['Otsu']:.3f} with Otsu's threshold to {f1['SIFT']:.3f} with SIFT, which "
-    f"finds {unlit['SIFT'].mean():.0%} of the particles that do not burn."
+    f"F1 is {f1['Otsu']:.3f} with Otsu's threshold and {f1['SIFT']:.3f} with SIFT, which finds "
+    f"{unlit['SIFT'].mean():.0%} of the particles that do not burn."
 )
 
 # %%
-drawn, unlit = frames > 1, unlit["SIFT"]
-finds = "SIFT finds more particles that do not burn than the thesis printed."
-lead = f"V2 is lowest; in V5 SIFT is {of_sift['V5'] - of_otsu['V5']:.2f} above Otsu's threshold."
+lead = f"In V5 SIFT is {of_sift['V5'] - of_otsu['V5']:+.2f} from Otsu's threshold."
+found = claims.all_of(bool(half), bool(more)) if frames > 1 else None
 checks = [
-    claims.check("sift-1", f1["SIFT"] > f1["Otsu"] if drawn else None, f1),
-    claims.check("sift-2", claims.all_of(half, more) if drawn else None, unlit, finds),
-    claims.check("sift-3", fifth if drawn else None, of_sift, lead),
+    claims.check("sift-1", claims.above(draws["SIFT"] - draws["Otsu"]), f1),
+    claims.check("sift-2", found, unlit["SIFT"]),
+    claims.check("sift-3", claims.all_of(*map(claims.above, ahead)), of_sift, lead),
 ]
 figures.conclude(result, checks, origin)

@@ -8,10 +8,10 @@
 # **Here.** The same settings on simulated clouds without the flame, depth after Eq. 2.4. A cluster
 # is a detection at the centre of its pixels.
 #
-# **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.4933 here.
+# **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.3979 here.
 #
-# **What disagrees.** The clusterers find fewer of the burning particles here, 77 to 87 % instead of
-# nearly all.
+# **What disagrees.** The best F1 is 0.44 to 0.46 here. Two of three detections are false; in print
+# about half are.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full
@@ -187,7 +187,7 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 analysed = attempts["row"] == attempts["family"].map({"dbscan": 5, "mo": 1, "qcc": 2})
 recall = detection_tables.class_recall(attempts[analysed], ["family", "subset"])
 titles = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
-picture = plots.draw_class_recall(recall.replace({"family": titles}), "family")
+picture = plots.draw_class_recall(recall.replace({"family": titles}), "family", {})
 caption = (
     "Simulated recall of each class by the three clusterers, after Figs 5.8 to 5.10. No bar: fewer "
     "than ten sightings."
@@ -214,7 +214,6 @@ pooled = counts.groupby(["label", "family"]).sum()
 pooled = pooled["tp"] / pooled.sum(axis=1)
 burning = counts.loc[2].drop(("MO", "V4"), errors="ignore").groupby("family").sum()  # Fig. 5.9
 burning = burning["tp"] / burning.sum(axis=1)
-nearly = [claims.about(share, 1.0, 0.05) for share in burning]
 wall = recall.query("family == 'dbscan' and label == 4 and subset in ['V1', 'V4']")
 wall = wall.set_index("subset")["recall"]
 best = {name: table["f1"].max() for name, table in zip(titles, (dbscan, mo, qcc), strict=True)}
@@ -226,8 +225,8 @@ result = (
 # %%
 checks = [
     claims.check("cluster-1", bool(steps.all()), f"{steps.sum()} of {len(steps)} steps as printed"),
-    claims.check("cluster-7", claims.all_of(*nearly), burning, "They find 77 to 87 % of them."),
-    claims.check("cluster-8", bool((wall < 0.5).all()), wall, "In V4 it finds three quarters."),
+    claims.check("cluster-7", bool((burning >= 0.95).all()), burning),
+    claims.check("cluster-8", bool((wall < 0.5).all()), wall),
     claims.check("cluster-9", all(pooled[k].idxmax() == "QCC" for k in (3, 4)), pooled[3]),
 ]
 figures.conclude(result, checks, origin)

@@ -29,6 +29,7 @@ from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
 from kilnflight.experiments import detection, plots
 from kilnflight.project import figures, style
+from kilnflight.scores import score_detections
 
 # %%
 style.use_style()
@@ -98,15 +99,20 @@ figures.save("fig-3-2-both", table, picture=picture, caption=caption, provenance
 # %%
 rule = combination.Combination()
 evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
-examples = {case: [] for case in range(1, 6)}
+marked = subset.particles.loc[subset.particles["frame"] == t, ["row", "col"]].to_numpy()
+examples, rows = {case: [] for case in range(1, 6)}, []
 for case, spots, groups in cases:
     parts = (keypoints[spots], take_clusters(clusters, groups))
     particles = combination.decide_case(case, *parts, evidence)
-    examples[case].append((*parts, particles))
+    where = np.concatenate([parts[0][:, :2], parts[1].pixels])
+    near = ((marked >= where.min(0) - 8) & (marked <= where.max(0) + 8)).all(axis=1)
+    score = score_detections(marked[near], particles[:, :2])
+    rows.append((case, len(particles), score.fp, score.fn))
+    examples[case].append((*parts, particles, (score.fp, score.fn)))
 shown = []
-for case, rows in examples.items():
-    ordered = sorted(rows, key=lambda row: -len(row[2]))
-    picked = ordered[:: max(1, len(rows) // 3)][:3]
+for case, each in examples.items():  # two that the truth confirms, and a wrong one
+    right, wrong = ([one for one in each if any(one[3]) == kind] for kind in (False, True))
+    picked = [*right[len(right) // 3 :][:2], *wrong[len(wrong) // 2 :][:1]]
     shown += [(case, *row) for row in picked] + [None] * (3 - len(picked))
 
 # %% tags=["hide-input"]
@@ -116,7 +122,7 @@ for axes, example in zip(grid.flat, shown, strict=True):
     axes.axis("off")
     if example is None:
         continue
-    case, spots, groups, particles = example
+    case, spots, groups, particles, (false, missed) = example
     where = np.concatenate([spots[:, :2], groups.pixels])
     (y, x) = where.mean(axis=0)
     axes.imshow(np.sqrt(view.gray), cmap="gray", vmin=dark, vmax=bright)
@@ -126,19 +132,19 @@ for axes, example in zip(grid.flat, shown, strict=True):
         axes.plot(particle[1], particle[0], "x", color=style.COLOURS[1], ms=7)
     half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
     axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-    number = f"{len(particles)} particle{'s' * (len(particles) != 1)}"
-    axes.set_title(f"case {case}: {number}", fontsize=6.5)
+    errors = ", ".join(f"{n} {word}" for n, word in ((false, "false"), (missed, "missed")) if n)
+    verdict = f"wrong: {errors}" if errors else "right"
+    axes.set_title(f"case {case}: {len(particles)} found\n{verdict}", fontsize=6.5)
 
 # %%
-counts = pd.DataFrame(
-    [
-        {"case": case, "potential": len(rows), "particles": sum(len(row[2]) for row in rows)}
-        for case, rows in examples.items()
-    ]
-)
+table = pd.DataFrame(rows, columns=["case", "particles", "false", "missed"])
+table["wrong"] = (table["false"] > 0) | (table["missed"] > 0)
+counts = table.groupby("case").agg("sum").reset_index()
+counts.insert(1, "potential", table.groupby("case").size().to_numpy())
 caption = (
-    "Up to three examples of each of the five cases in one simulated frame, after Figs 3.5 to 3.9. "
-    "Circles: keypoints; dots: points of clusters; crosses: decided particles."
+    "Examples of the five cases in one simulated frame, after Figs 3.5 to 3.9; two that the truth "
+    "confirms and a wrong one, as far as there are. Circles: keypoints; dots: points of clusters; "
+    "crosses: decided particles. Truth: marked particles within 8 px of these."
 )
 figures.save("fig-3-5-cases", counts, picture=picture, caption=caption, provenance=origin)
 

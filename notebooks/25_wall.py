@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The wall: a fitted cylinder separates particles in the air from those on it
+# # The wall: the crossing of two Gaussians separates air from wall, 40 mm more do not
 #
 # **The work.** In the thesis (sections 3.2 and 5.1.4) MLESAC fits a cylinder to the wall's points
 # (Table 5.12). Distances of particles from its axis form two Gaussians that cross near 760 mm
@@ -9,9 +9,9 @@
 # **Here.** The same on five simulated recordings, whose axis and radius are known. The threshold is
 # the crossing of the Gaussians here plus 40 mm; the printed 800 mm belong to another radius.
 #
-# **One number.** Radius of the fitted cylinder: 772 mm printed, 694 mm here.
+# **One number.** Radius of the fitted cylinder: 772 mm printed, 685 mm here.
 #
-# **What disagrees.** Nothing that is tested here.
+# **What disagrees.** With 40 mm more than the crossing, all particles count as airborne here.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -165,14 +165,15 @@ off = (cylinders["radius_mm"] / cylinders["radius_true_mm"] - 1).set_axis(cylind
 total = exact.set_index(["threshold", "subset"])["f1"].unstack()["Total"]
 result = (
     f"The fitted radius is {fit.radius_mm:.0f} mm (true 700 mm). Classification in the air has F1 "
-    f"{total['crossing_plus_40']:.3f}; calling all airborne has {total['all_in_air']:.3f}."
+    f"{total['crossing']:.2f} at the crossing, {total['crossing_plus_40']:.2f} with 40 mm more; "
+    f"calling all airborne has {total['all_in_air']:.2f}."
 )
 checks = [
     claims.check(
         "wall-1",
         bool((off.abs() <= 0.1031).all()),  # the thesis's own deviation: 772 mm of 700 mm
         off,
-        "All five frames are within 2.4 %.",
+        f"The largest deviation is {off.abs().max():.1%}; the thesis has 10.3 %.",
     )
 ]
 figures.conclude(result, checks, origin)

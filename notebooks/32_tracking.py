@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Tracking: post-processing does not raise tracks that are good already
+# # Tracking: post-processing does not raise alpha and beta here
 #
 # **The work.** The thesis tracks four fractions with GNN and JPDA (sections 5.2.1 to 5.2.3, Tables
 # 5.15 and 5.17). Post-processing raises all four measures, and JPDA is slightly ahead.
@@ -7,10 +7,10 @@
 # **Here.** Simulated campaigns at 4.5 bar, in windows with about as many trajectories as Table
 # 5.15. Detections are those of SIFT and DBSCAN combined that are not known to be on the wall.
 #
-# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.76 here.
+# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.63 here.
 #
-# **What disagrees.** Tracks without post-processing are already as good as the printed final ones,
-# so it gains nothing; and GNN is ahead of JPDA.
+# **What disagrees.** Alpha and beta do not rise, since joined tracks have fewer positions. GNN is
+# ahead of JPDA, and shreds are tracked far worse than confetti.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
@@ -21,9 +21,8 @@ jobs = 2  # processes of the detection
 import numpy as np
 import pandas as pd
 
-from kilnflight import kiln, tracklets
-from kilnflight.detection.otsu import flame_mask
-from kilnflight.experiments import campaigns, detection, plots, trackers, tracking
+from kilnflight import tracklets
+from kilnflight.experiments import campaigns, ignition, plots, trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.project import claims, figures, style
 from kilnflight.twin import scenes
@@ -56,8 +55,8 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 # Scored are tracks that start at the lance and last (sections 4.2.5 and 5.2.1), with and without
 # post-processing alike. The distance is the bare epsilon of Table 5.16, 10 px, and positions are
 # those detected. Gate, noise and missed frames are not printed. Those used were chosen for the
-# largest beta on other frames (data/reference/trackers.csv); JPDA has the smaller gate, as in
-# section 5.2.3.
+# largest beta on other frames of an earlier simulation (data/reference/trackers.csv). JPDA has the
+# smaller gate, as in section 5.2.3.
 
 # %%
 tracked = tracking.follow_all(windows, {name: trackers.chosen(name) for name in scores.TRACKERS})
@@ -125,15 +124,18 @@ for window, column in zip(shown, grid.T, strict=True):
     light = window.differences(first, last, 0, 0, height, width)
     for axes, (name, each) in zip(column, tables[window.fraction].items(), strict=True):
         style.draw_frame(axes, light, 8)
-        style.draw_tracks(axes, tracklets.tracked(each))
+        tracks = tracklets.tracked(each)
+        near = tracks["particle"].isin(scores.from_lance(tracks, window.lance)["particle"])
+        style.draw_tracks(axes, tracks[~near], "0.55")
+        style.draw_tracks(axes, tracks[near])
         axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
     column[-1].set_xlabel("column (px)")
 
 # %%
 caption = (
     "Simulated: true trajectories and those of GNN and JPDA, without and with post-processing, on "
-    "the sum of frame differences; after Figs 5.12, 5.14 and 5.15. Black rectangle: where the "
-    "burner's flame is cut out."
+    "the sum of frame differences; after Figs 5.12, 5.14 and 5.15. Colour: tracks from the lance; "
+    "grey: others. Black: where the burner's flame is cut out."
 )
 table = tracking.joined_tables(tables, "tracks")
 figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
@@ -141,20 +143,16 @@ figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, p
 # %% [markdown]
 # ## Optical ground truth
 #
-# Paths become visible when the differences from the background are summed over the frames.
+# Paths become visible in the background plus the greatest difference of each pixel from it.
 
 # %%
-sums, paths, frames = {}, [], {"quick": 5, "standard": 50, "full": 300}[scale]
+optical, paths, frames = {}, [], {"quick": 5, "standard": 50, "full": 300}[scale]
 for name in counted["fraction"]:
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     window = scenes.tracking_window(twin)[:frames]
-    foregrounds = detection.BACKGROUNDS[scale](kiln.FrameBuffer(twin), window)
+    optical[name] = ignition.optical_picture(twin, window)
     height, width = twin.attributes.rows, twin.attributes.columns
-    sums[name] = np.zeros((height, width), dtype=np.float32)
-    for t, foreground in zip(window, foregrounds, strict=True):
-        clear = np.where(flame_mask(twin.gray(t), twin.attributes.flame_roi), 0, foreground)
-        least = 8 * np.median(foreground[::4, ::4])  # above flicker and noise
-        sums[name] += np.where(clear > least, clear, 0)
+    for t in window:
         moment, place = twin.life.at(twin.time_s(t)), twin.scene.geometry
         row, col = place.project(place.to_camera(moment.position_m))
         each = pd.DataFrame({"particle": moment.particle, "frame": t, "row": row, "col": col})
@@ -163,12 +161,12 @@ for name in counted["fraction"]:
 paths = pd.concat(paths)
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(sums)}
-picture, grid = style.canvas(len(sums), 2, **size)
-for panels, (name, image) in zip(grid, sums.items(), strict=True):
-    top = max(np.quantile(image[image > 0], 0.9), 1) if image.any() else 1
-    panels[0].imshow(np.clip(image / top, 0, 1) ** 0.5, cmap="gray", interpolation="bilinear")
-    panels[0].set(title=f"{name}: summed differences", ylabel="row (px)")
+size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(optical)}
+picture, grid = style.canvas(len(optical), 2, **size)
+for panels, (name, image) in zip(grid, optical.items(), strict=True):
+    low, high = np.quantile(image, [0.01, 0.998])
+    style.draw_frame(panels[0], np.clip((image - low) / max(high - low, 1.0), 0, 1), 4)
+    panels[0].set(title=f"{name}: optical picture", ylabel="row (px)")
     for _, path in plots.broken_at_gaps(paths[paths["fraction"] == name]).groupby("particle"):
         panels[1].plot(path["col"], path["row"], "-", color="black", lw=0.5)
     panels[1].set(title=f"{name}: true paths", xlim=(0, 2047), ylim=(1535, 0), aspect="equal")
@@ -176,9 +174,8 @@ _ = [axes.set_xlabel("column (px)") for axes in grid[-1]]
 
 # %%
 caption = (
-    f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
-    "5.17, beside the true paths of particles in the air. The segmented flame is left out, and "
-    "pixels below eight times a frame's median difference."
+    f"Background plus the greatest difference from it in up to {frames} frames, after Fig. 5.13, "
+    "beside the true paths of particles in the air. Made like Fig. 5.17 (notebook 54)."
 )
 figures.save("fig-5-13-optical-truth", paths, picture=picture, caption=caption, provenance=origin)
 
@@ -203,8 +200,9 @@ risen = f"{(by[1]['recomputed'] > 0).sum()} of {len(by[1])} values rise"
 raw = beside[(beside["postprocessing"] == "without") & beside["measure"].isin(["alpha", "beta"])]
 raw = raw[raw["fraction"] != "wood chip"]
 low = claims.all_of(rises[2], decide(raw["recomputed"] <= 0.43, raw["low"] > 0.43))
-near = decide(by[3]["recomputed"].abs() <= 0.025, (by[3]["low"] > 0.1) | (by[3]["high"] < -0.1))
+far = (by[3]["low"] > 0.05) | (by[3]["high"] < -0.05)  # "comparable" has no number: never True
 after = measured.loc[measured["postprocessing"] == "with", ["alpha", "beta"]].mean().mean()
+before = measured.loc[measured["postprocessing"] == "without", ["alpha", "beta"]].mean().mean()
 lifted = claims.all_of(clear[9], decide(0.5 <= after <= 0.6, not 0.5 <= after <= 0.6))
 
 gain, least = value[4].item(), value[5].nsmallest(1)
@@ -212,11 +210,11 @@ gain, least = value[4].item(), value[5].nsmallest(1)
 # %%
 checks = [
     claims.check(
-        "track-1", rises[1], risen, "Tracks without it are as good as the printed final ones."
+        "track-1", rises[1], risen, f"Without it alpha and beta are {before:.2f} on average."
     ),
     claims.check("track-2", low, raw["recomputed"].max(), "The largest value but for wood chips."),
     claims.check(
-        "track-3", near, value[3].min(), "Comparable within 0.025, not beyond 0.1; bounds of ours."
+        "track-3", decide(False, far), value[3].min(), "Comparable has no number; 0.05 is ours."
     ),
     claims.check("track-4", clear[4], f"{gain:+.2f}", "JPDA - GNN, mean of alpha, beta, JSC."),
     claims.check("track-5", rises[5], least, "The smallest difference, mean of both trackers."),
@@ -224,7 +222,7 @@ checks = [
     claims.check("track-10", clear[10], value[10].item(), "Difference of counts, JPDA minus GNN."),
 ]
 result = (
-    f"Alpha and beta are {after:.2f} on average after post-processing (printed 0.58), which "
-    f"changes them by {value[9].item():+.2f}; JPDA minus GNN is {gain:+.2f}."
+    f"Post-processing changes alpha and beta from {before:.2f} to {after:.2f} on average (thesis: "
+    f"to 0.58). JPDA differs from GNN by {gain:+.2f}."
 )
 figures.conclude(result, checks, origin)

@@ -112,12 +112,11 @@ spread = claims.all_of(larger(late, known, "iqr"), larger(late, known, "mae_cent
 ratio = kept["iqr"] / seen["iqr"]
 
 # %%
-not_far = [claims.about(straight["iqr"] / one["iqr"], 1.0, 1.0) for one in (sim, free)]
-far = [None if each is None else not each for each in not_far]
-similar = claims.all_of(claims.about(free["iqr"] / sim["iqr"], 1.0, 0.5), *far)
+far = straight["iqr"] > 2 * max(sim["iqr"], free["iqr"])
+similar = bool(free["iqr"] < 1.5 * sim["iqr"] and far)
 biased = claims.beyond(known["median_low"], known["median_high"])
 both = claims.all_of(spread, larger(late, known, "median"))
-near = claims.all_of(larger(kept, seen, "iqr"), claims.about(ratio, 1.0, 1.0))
+near = claims.all_of(larger(kept, seen, "iqr"), bool(ratio <= 2))
 mm = f"Sim {sim['iqr']:.2f}, Tracking {free['iqr']:.2f}, Straight {straight['iqr']:.2f} mm"
 late_ms = f"median {known['median']:.2f} ms"
 bias_ms = f"{late['median']:.2f} from images, {known['median']:.2f} ms noise-free"

@@ -1,17 +1,17 @@
 # %% [markdown]
-# # Dwell time: measured medians are too short, since long flights are lost
+# # Dwell time: a third of the flights is followed to its end; medians are right within 0.07 s
 #
 # **The work.** The thesis measures the time from the lance to landing or burning out (section
 # 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest at 4.5 bar and much
 # shorter at 5 bar.
 #
-# **Here.** The whole chain on eight simulated campaigns, beside the true dwell times of the same
-# recordings. Only complete flights have a dwell time; a lost flight "cannot be analyzed" (A.1).
+# **Here.** The whole chain on eight simulated campaigns, whose particles fly as printed. Only
+# flights followed to their end have a dwell time; a lost one "cannot be analyzed" (A.1).
 #
-# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.309 s here.
+# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.332 s here.
 #
-# **What disagrees.** At 5 bar most papers fly shorter than 0.4 s, not longer. All measured medians
-# are 0.05 to 0.17 s below the true ones, and chance decides their order.
+# **What disagrees.** Only 4 to 26 flights of chips or granules are followed to their end, so their
+# orders are open. Granules fly as long at 5 bar as at 4.5, as their printed velocities ask.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
@@ -20,6 +20,7 @@ jobs = 2  # processes
 
 # %%
 import numpy as np
+import pandas as pd
 
 from kilnflight import regression
 from kilnflight.experiments import accuracy, campaigns, flights, plots
@@ -27,9 +28,10 @@ from kilnflight.experiments.campaigns import KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LOST, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project import claims, figures, style
-from kilnflight.scores.intervals import Interval, difference_interval
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
+SHARES = ("dwell 0.3-0.4 s (%)", "dwell > 0.4 s (%)")  # of chips and granules, and of papers
+NO_FALL = "Print contradicts itself: its velocities at 5 bar make no shorter flights. Least (s)."
 
 # %%
 style.use_style()
@@ -72,23 +74,28 @@ figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 # ## What dwell time means
 #
 # The curves are the fits up to the end of the flight. A burnt-out particle ends with its last
-# detection. A landing one ends where the fit meets the wall.
+# detection; only papers burn out. A landing one ends where the fit meets the wall. After the last
+# detection the flight goes straight on, with the mean velocity of the last 20 ms, for at most 50 ms
+# and 0.3 m. What has not met the wall by then is lost.
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 ordered = counted[counted["ignition"].isin([NONE, SEEN])].sort_values("dwell_s", kind="stable")
 shown, handles = [], {}
 for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
-    flown = ordered[cases(ordered) == case]
+    kind = flights.HEAVY if case == CASES[0] else flights.PAPERS
+    flown = ordered[(cases(ordered) == case) & ordered["fraction"].isin(kind)]
     axes.set(title=f"({letter}) {case}: none measured", xlabel="depth from the lance (m)")
-    for index, one in flown.iloc[(len(flown) - 1) // 2 :].head(1).iterrows():
-        shown.append(index)
-        axes.set_title(f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar")
+    for index, one in flown.iloc[(len(flown) - 1) // 2 :].iterrows():
         track, fitted = (
             part[part["particle"] == one["particle"]].drop(columns=KEYS)
             for part in (campaigns.of_campaign(t, tuple(one[KEYS])) for t in results.tables[:2])
         )
         fit = regression.fits(fitted)[one["particle"]]
+        if straight_on(fit, one["end_s"])[0, 1] > fit.exit_point_mm[1]:
+            continue  # the next longer one: this one ends above the lance
+        shown.append(index)
+        axes.set_title(f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar")
         lit = np.fmin(one["t0_s"] + one["ignition_s"], one["end_s"])  # the end if it never burns
         known = track[["x", "y", "z"]].dropna().to_numpy(np.float64)
         dark = straight_on(fit, np.linspace(one["t0_s"], lit, 60))
@@ -107,6 +114,7 @@ for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
             axes.plot(-depth, up, form, label=name if len(places) else None, **more)
         label = f"dwell time {one['dwell_s']:.2f} s"
         axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
+        break
     handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
 grid[0, 0].set_ylabel("height over it (m)")
 _ = picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
@@ -116,7 +124,8 @@ columns = [*KEYS, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"
 data = counted.loc[shown, columns]
 caption = (
     "Dwell time on measured flights from the side, after Fig. 5.18: from the lance to landing or "
-    "burning out. Of each case the flight with the median dwell time."
+    "burning out. Of each case a typical one that ends below the lance: of chips and granules (a), "
+    "which never ignite in flight, and of papers (b, c)."
 )
 figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=origin)
 
@@ -142,69 +151,71 @@ data = data.astype({"particle": int})
 figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Medians with intervals
+# ## Is what was put in measured?
+#
+# A number is recovered if the 95 % interval of measured minus true lies within 10 % of a median,
+# or 5 points of a share. It is biased if the interval lies outside, else open. All were set before
+# any flight was measured. The thesis has most chips and granules within 0.3 to 0.4 s at 5 bar, and
+# most papers above 0.4 s.
+
+# %%
+table = flights.recovery(results.measured, results.true, "dwell", generator)
+table.insert(7, "lost", table[KEYS].apply(lambda k: len(results.measured[*k].censored_s), axis=1))
+caption = (
+    "Dwell times as printed, put in, true in the recordings and measured on complete flights; "
+    "measured minus true with its 95 % interval (bootstrap, Wilson). Number: complete flights."
+)
+figures.save("dwell-recovery", table.round(4), caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Who lands first?
 #
 # The interval of a difference tells whether the order of two fractions is beyond chance.
 
 # %%
-medians = flights.median_table(results.measured, results.true, generator)
-medians = medians[medians["outcome"] == "dwell median (s)"].drop(columns="outcome")
-names = {"number": "complete", "estimate": "measured_s", "true": "true_s"}
-medians = medians.rename(columns=names).reset_index(drop=True)
-medians.insert(3, "lost", [len(each.censored_s) for each in results.measured.values()])
-each = {
-    key: flights.median_of(values.dwell_s, generator) for key, values in results.measured.items()
-}
-unknown = Interval(np.nan, -np.inf, np.inf, (0,))
-for k, key in enumerate(each):
-    chips, granules = (
-        each.get(one, unknown) for one in (("wood chip", key[1]), ("PE granule", 4.5))
-    )
-    for name, apart in (
-        ("minus_chips", difference_interval(each[key], chips)),
-        ("granules_minus", difference_interval(granules, each[key])),
-    ):
-        found = flights.interval_columns(apart)
-        columns = [f"{name}_s", f"{name}_low", f"{name}_high"]
-        medians.loc[k, columns] = [found["estimate"], found["low"], found["high"]]
-printed = flights.beside_printed(results.measured, generator)
-printed = printed[printed["outcome"].str.startswith("dwell")]
-most = printed[printed["outcome"].str.endswith("%)")].drop(columns=["low", "high"])
-most = most.rename(columns=lambda name: name.replace("measured", "as_printed_percent"))
-medians = medians.merge(most.drop(columns=["outcome", "printed", "agrees"]), "left", KEYS)
-caption = (
-    "Median dwell time of complete flights with its 95 % interval (bootstrap), and the true one. "
-    "Then its difference from that of wood chips at the same pressure, and of PE granules at 4.5 "
-    "bar (Newcombe). Last: the share within 0.3 to 0.4 s (chips, granules) or above 0.4 s "
-    "(papers), as A.2 has most at 5 bar."
+bars, median = (4.5, 5.0), "dwell median (s)"
+others = ("PE granule", *flights.PAPERS)
+later = [((name, bar), ("wood chip", bar)) for bar in bars for name in others]
+granules = ("PE granule", 4.5)
+longer = [(granules, (name, 4.5)) for name in ("wood chip", *flights.PAPERS)]
+longer += [(granules, ("PE granule", 5.0))]
+first, falls = (
+    flights.differences(results.measured, results.true, median, pairs, generator)
+    for pairs in (later, longer)
 )
-figures.save("dwell-medians", medians.round(4), caption=caption, provenance=origin)
+caption = (
+    "Differences of median dwell times, measured with 95 % intervals (Newcombe) and true: from "
+    "wood chips at the same pressure, and of PE granules at 4.5 bar from all others and from 5 bar."
+)
+orders = pd.concat([first, falls])
+figures.save("dwell-orders", orders.round(4), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
 
 # %%
-others = medians[medians["fraction"] != "wood chip"]
-longest = medians[(medians["pressure_bar"] == 4.5) != (medians["fraction"] == "PE granule")]
-first, last = (
-    claims.all_of(*map(claims.beyond, rows[f"{name}_low"], rows[f"{name}_high"]))
-    for name, rows in (("minus_chips", others), ("granules_minus", longest))
-)
-held = printed.set_index("outcome")["agrees"]
-median = claims.all_of(*held.filter(like="median"))
-most = claims.all_of(*held.filter(like="%"))
-answers = {"dwell-1": median, "dwell-2": first, "dwell-3": last, "dwell-4": most}
+most = [
+    flights.recovered(table, outcome=outcome, pressure_bar=5.0, fraction=name)
+    for outcome, names in zip(SHARES, (flights.HEAVY, flights.PAPERS), strict=True)
+    for name in names
+]
+answers = {"dwell-1": flights.recovered(table, outcome=median), "dwell-4": claims.all_of(*most)}
+answers |= {"dwell-2": flights.all_above(first), "dwell-3": flights.all_above(falls)}
 holds = flights.if_complete(counted[counted["ending"] != LOST], answers)
-low, high = (medians[medians["pressure_bar"] == bar].set_index("fraction") for bar in (4.5, 5.0))
-reason = "Complete flights; intervals of the differences hold 0, so chance decides the order."
+medians = table[table["outcome"] == median]
+count = medians["verdict"].value_counts()
+each = ", ".join(f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open"))
+right = f"{sum(one is True for one in most)} of {len(most)} shares"
 verdicts = [
-    claims.check("dwell-1", holds["dwell-1"], low["measured_s"], "Medians of complete flights."),
-    claims.check("dwell-2", holds["dwell-2"], low["minus_chips_s"], reason),
-    claims.check("dwell-3", holds["dwell-3"], low["granules_minus_s"], reason),
-    claims.check("dwell-4", holds["dwell-4"], high["as_printed_percent"], "Most is above 50 %."),
+    claims.check("dwell-1", holds["dwell-1"], each, "Medians of eight campaigns, within 10 %."),
+    claims.check("dwell-2", holds["dwell-2"], first["low"].min(), "Least end of any interval (s)."),
+    claims.check("dwell-3", holds["dwell-3"], falls["measured"].min(), NO_FALL),
+    claims.check(
+        "dwell-4", holds["dwell-4"], right, "Shares at 5 bar, within 5 points of the truth."
+    ),
 ]
 result = (
-    f"Of {len(starting)} flights from the lance {medians['complete'].sum()} are complete. The "
-    f"longest median dwell time at 4.5 bar is {low['measured_s'].max():.2f} s."
+    f"{medians['number'].sum()} of {len(starting)} flights from the lance are followed to their "
+    f"end. The median dwell times of campaigns are off by {medians['error'].median():+.2f} s."
 )
 figures.conclude(result, verdicts, origin)

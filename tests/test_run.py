@@ -126,7 +126,7 @@ def test_no_wall_and_uneven_frames_are_notes(prepare):
     ready, settings, notes = prepare(sparse_and_late, run.Options())
     assert [note[:25] for note in notes] == [
         "Frames are not evenly spa",
-        "No threshold was given: 3",
+        "No threshold was given: 2",
         "The kiln's wall was not f",
     ]
     assert "after frame 2" in notes[0]

@@ -133,10 +133,13 @@ def cost(one: dict, other: dict, fusion: bool) -> float:
     turns = list(pairwise(v))
     if any(is_outlier(*turn) for turn in turns) or speed(part) <= 1 or correlation(part) <= 0.9:
         return IMPOSSIBLE
-    shown = [u for t in (one, other) for u in velocities(sorted(t.items()))]
-    fastest = max((math.hypot(*u) for u in shown), default=0.0)
+    shown = [[math.hypot(*u) for u in velocities(sorted(t.items()))] for t in (one, other)]
+    limit = 18 + max(np.median(each) if each else 0.0 for each in shown)
+    most = max([limit, *shown[0], *shown[1]])
     v_joined = velocities(sorted(joined(one, other).items()))
-    if not fusion and any(math.hypot(*u) > fastest + 18 for u in [*v, *v_joined]):
+    if not fusion and (
+        any(math.hypot(*u) > limit for u in v) or any(math.hypot(*u) > most for u in v_joined)
+    ):
         return IMPOSSIBLE
     deep = [(t, p[2]) for t, p in part if not math.isnan(p[2])]
     steps = [abs((b - a) / (t - s)) for (s, a), (t, b) in pairwise(deep)]

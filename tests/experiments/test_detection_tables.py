@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import detection_tables
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.geometry import Geometry
 
 
 def attempts(**true_positives):

@@ -8,7 +8,7 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight import BEHIND, LEAVES, TOO_FAST, Plausible
-from kilnflight.flight.criteria import starts_at_lance
+from kilnflight.flight.criteria import starts_at_lance, straight_on
 
 WALL, LIMIT = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0), InAir(800.0)
 
@@ -43,8 +43,8 @@ def test_only_the_flight_is_judged_and_its_end_is_straight(polynomials):
     assert rejection(bent, 0.4) == TOO_FAST
     assert rejection(bent, 0.4, air_m_s=17.0) == ""
     ends = replace(bent, last_s=0.38)
-    assert rejection(ends, 0.45) == ""  # straight on with 27.9 m/s, 3.0 m + 2.0 m from the lance
-    assert rejection(ends, 0.55) == LEAVES  # behind the camera
+    assert rejection(ends, 0.45) == ""  # straight on with the speed of its last 20 ms
+    assert rejection(ends, 0.75) == LEAVES  # behind the camera
     with pytest.raises(InputError, match="air_m_s"):
         Plausible(-1.0)
 
@@ -68,3 +68,10 @@ def test_a_start_is_judged_across_and_in_depth(polynomials, across, gone, starts
     decided, distance = starts_at_lance(np.tile(place, (3, 1)), fit)
     assert decided == starts
     assert distance == pytest.approx(np.hypot(across, gone))
+
+
+def test_after_the_last_detection_a_flight_is_straight(polynomials):
+    fit = polynomials(((100.0, 900.0), (0.0,), (-8000.0, 500.0)), last_s=0.3)
+    np.testing.assert_array_equal(straight_on(fit, [0.1, 0.3]), fit([0.1, 0.3]))
+    mean_velocity = (fit(0.3) - fit(0.28)) / 0.02  # of the last 20 ms
+    np.testing.assert_allclose(straight_on(fit, 0.5)[0], fit(0.3) + 0.2 * mean_velocity)

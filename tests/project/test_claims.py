@@ -26,8 +26,8 @@ def test_answers_have_three_values():
     assert claims.all_of(None, False) is False
     found = [claims.beyond(*interval) for interval in ((1, 2), (-1, 2), (-2, -1))]
     assert found == [True, None, False]
-    found = [claims.about(value, 0.5, 0.05) for value in (0.51, 0.46, 0.59, 0.61)]
-    assert found == [True, None, None, False]
+    for draws, answer in ((range(1, 9), True), (range(-4, 4), None), ([-1], False), ([], None)):
+        assert claims.above(pd.Series(draws, dtype=float)) is answer
 
 
 def test_every_claim_is_collected_once_in_order_and_open_where_no_notebook_tests_it():

@@ -92,9 +92,11 @@ def test_invariants_of_a_fit(seed, frames):
 
 
 def test_the_range_of_t0_and_a_t0_outside_are_known():
-    assert regress(flight(t0=0.1234), EXIT, RATE).t0 == pytest.approx(0.1234, abs=1e-8)
-    track, around = flight(t0=0.1), 0.1 + np.array([-1, 1]) / RATE
-    assert regress(track, EXIT, RATE).t0_range_s == pytest.approx(around, abs=1e-5)
+    for t0 in np.linspace(0.0234, 0.9234, 10):
+        track = flight(t0=t0)
+        fit, around = regress(track, EXIT, RATE), t0 + np.array([-1, 1]) / RATE
+        assert fit.t0 == pytest.approx(t0, abs=1e-8)
+        assert fit.t0_range_s == pytest.approx(around, abs=1e-5)
     back = track.assign(z=2000 + (6500 - track["z"]))  # flies towards the lance, not from it
     assert regress(back, EXIT, RATE).t0_at_bound != 0
     assert regress(flight(t0=-2.0, lead=700), EXIT, RATE).t0_at_bound == -1  # unseen for 2.1 s

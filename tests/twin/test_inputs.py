@@ -1,3 +1,5 @@
+"""The listed inputs are those of the code."""
+
 import ast
 from dataclasses import fields, is_dataclass
 
@@ -5,8 +7,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.project import paths
-from kilnflight.twin import scenes
-from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin import background, feeding, flights, fuel, life, picture, scenes
 
 TABLE = pd.read_csv(paths.reference() / "twin_inputs.csv", keep_default_na=False)
 
@@ -17,21 +18,30 @@ def parts(whole):
             yield from ((type(value).__name__, value), *parts(value))
 
 
-def test_the_listed_inputs_are_those_of_the_code():
-    known = {**dict(parts(scenes.open_scene("confetti-4.5-bar").scene)), **FRACTIONS}
-    for name, text in zip(TABLE["name"], TABLE["value"], strict=True):
-        of, _, key = name.rpartition(".")
-        value = getattr(known.get(of, scenes), key, None) or scenes.SIZES.get(key, 0.0)
-        value = tuple(value.values()) if isinstance(value, dict) else value
-        listed, ours = (pd.Series(flat(each)) for each in (ast.literal_eval(text), value))
-        assert listed.tolist() == pytest.approx(ours.tolist(), rel=1e-5), name
-
-
 def flat(value):
-    """Return the numbers of nested tuples, without words."""
+    """Return the numbers of nested tuples and dictionaries, without words."""
+    value = tuple(value.values()) if isinstance(value, dict) else value
     if isinstance(value, tuple):
         return [number for each in value for number in flat(each)]
     return [] if isinstance(value, str) else [float(value)]
+
+
+def test_the_listed_inputs_are_those_of_the_code():
+    scene = scenes.ground_truth("V1")
+    rooms = (background, feeding, flights, life, picture, scenes)
+    known = dict(parts(scene)) | {room.__name__.rpartition(".")[2]: room for room in rooms}
+    known |= {f"{name} at {bar} bar": law for (name, bar), law in flights.LAWS.items()}
+    known |= fuel.FRACTIONS | {"Scene": scene}
+    others = {f"{name}.depth_error_mm": error for name, error in scene.depth.particle_error_mm}
+    for kind in scenes.COUNTS:
+        others |= {f"labelled {kind}.counts": scenes.COUNTS[kind]}
+        others |= {f"labelled {kind}.shares": feeding.MIXTURES[kind]}
+    for name in fuel.FRACTIONS:
+        others |= {f"{name}.window": scenes.WINDOWS[name], f"{name}.frames": scenes.LENGTHS[name]}
+    for name, text in zip(TABLE["name"], TABLE["value"], strict=True):
+        of, _, key = name.rpartition(".")
+        value = others[name] if name in others else getattr(known[of], key)
+        assert flat(ast.literal_eval(text)) == pytest.approx(flat(value), rel=1e-5), name
 
 
 def test_every_input_has_a_status_and_a_source():

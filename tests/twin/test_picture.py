@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.twin import picture as drawing
-from kilnflight.twin.camera import Optics
+from kilnflight.twin.light import Optics
 from kilnflight.twin.picture import Blobs
 
 

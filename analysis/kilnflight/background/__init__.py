@@ -13,10 +13,11 @@ model              equation          default                                    
 `RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4                  Table 5.4
 =================  ================  ============================================  =========
 
-The foreground is the absolute difference of frame and background in grey values, as in Eqs 2.5,
-2.6 and 2.10. It is a new float32 array that depends on no other requested frame. For mean, median
-and adaptive learning no difference is printed; ``signed=True`` drops pixels darker than the
-background. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
+The foreground is the difference of frame and background in grey values, a new float32 array that
+depends on no other requested frame. It is absolute where bars are printed, in Eqs 2.5, 2.6 and
+2.10. For mean, median and adaptive learning it stops at zero: "the dark particles might be deleted"
+(section 3.1). ``signed=False`` takes the absolute difference there, too. `Mean`, `Median`,
+`Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """
 

@@ -105,13 +105,13 @@ class WindowModel(ABC):
     window
         Frames around each frame, from 1.
     signed
-        Whether the difference is signed and its negative part set to 0, so that pixels darker
-        than the background vanish. Bars of an absolute value stand in Eqs 2.5, 2.6 and 2.10 only,
-        and section 3.1 says that dark particles "might be deleted" by the subtraction.
+        Whether the difference stops at zero, so that pixels darker than the background vanish.
+        Bars of an absolute value stand in Eqs 2.5, 2.6 and 2.10 only, and section 3.1 says that
+        dark particles "might be deleted" by the subtraction. False: the absolute difference.
     """
 
     window: int
-    signed: bool = field(default=False, kw_only=True)
+    signed: bool = field(default=True, kw_only=True)
     _room: ClassVar[int] = 1  # frames held beside the window
 
     def __post_init__(self) -> None:

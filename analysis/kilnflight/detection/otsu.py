@@ -156,10 +156,9 @@ class Otsu:
 
 
 def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
-    """Return which pixels (rows, cols) are above Otsu's threshold of a rectangle.
+    """Return the pixels (rows, cols) of the burner's flame (Fig. 3.4), which detection leaves out.
 
-    These are the pixels of the burner's flame (Fig. 3.4), which detection leaves out. Pixels beyond
-    the rectangle are False.
+    They are the largest region above Otsu's threshold of a rectangle.
 
     Parameters
     ----------
@@ -175,8 +174,8 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
 
     Notes
     -----
-    Otsu's method splits any picture: a rectangle without a flame loses its brighter half. A
-    rectangle of one grey value has no flame.
+    Section 3.1 and Fig. 3.4 segment *the* flame: one region of pixels that touch, corners included,
+    within the rectangle. Particles apart from it stay. A rectangle of one grey value has no flame.
     """
     top, bottom, left, right = rectangle
     if not (0 <= top < bottom <= gray.shape[0] and 0 <= left < right <= gray.shape[1]):
@@ -185,5 +184,9 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
             f"{gray.shape[0]} x {gray.shape[1]}; give row0 < row1 and col0 < col1."
         )
     flame, part = np.zeros(gray.shape, dtype=bool), gray[top:bottom, left:right]
-    flame[top:bottom, left:right] = part > otsu_threshold(part)
+    above = (part > otsu_threshold(part)).astype(np.uint8)
+    _, labels, regions, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+    if len(regions) > 1:
+        largest = 1 + np.argmax(regions[1:, cv2.CC_STAT_AREA])
+        flame[top:bottom, left:right] = labels == largest
     return flame

@@ -27,21 +27,21 @@ from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.experiments.sources import TwinSource
-from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, kept, straight_on
+from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, Rules, kept, straight_on
+from kilnflight.ignition import Ignition
 from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.flights import METRES, FlightValues, outcomes
 from kilnflight.tables import AXES, TRAJECTORIES
 from kilnflight.twin import truth
-from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.fuel import FRACTIONS
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, scene_name
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
-# First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
-# lasts 100 to 165 frames.
+# First frame and number of frames by scale; 0: all. A flight lasts 60 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 # Campaigns by scale: two of a smoke run, the lower pressure of a reduced one.
@@ -83,26 +83,28 @@ class LearnedSettings:
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0) -> LearnedSettings:
+def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> LearnedSettings:
     """Return threshold, wall and limit found on labelled frames, cached.
 
     The frames are those of ``scale``. The values come from the cached row of `_settings`.
     """
-    make, depends_on = partial(_settings, scale, seed), {"scale": scale, "seed": seed}
+    make = partial(_settings, scale, seed, scenario)
+    depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
     values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
     return LearnedSettings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
-def _settings(scale: str, seed: int) -> pd.DataFrame:
+def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """Return threshold, radius, limit, centre and axis, one row of nine columns.
 
     The threshold is in grey values, lengths are in mm; centre and direction of the cylinder's axis
     take three columns each. `settings_from_labels` reads the row by position.
     """
-    subsets = detection.labelled_subsets(scale, seed)
+    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
-    threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
+    best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
+    threshold = float(best.max())  # of ties the highest
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = fit_cylinder(points, seed)
     detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
@@ -167,7 +169,9 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
     detector, subtracted = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
     frames = DetectionRun(source, first, stop, detector, subtracted)
     exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)
-    return KilnRun(frames, exit_point, settings.wall, in_air)
+    sheet = FRACTIONS[twin.scene.fraction].sheet  # the test of grey values is for papers (5.3.2)
+    rules = Rules(ignition=Ignition() if sheet else None)
+    return KilnRun(frames, exit_point, settings.wall, in_air, rules=rules)
 
 
 class Measurement(NamedTuple):
@@ -234,19 +238,19 @@ class Results(NamedTuple):
     true: dict[CampaignKey, FlightValues]  # of the `whole_flights`
 
 
-def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
+def results(scale: str, seed: int = 0, jobs: int = 1, scenario: str = "base") -> Results:
     """Return the results of all campaigns of a scale, for the notebooks 50 to 56.
 
     Missing tables are computed in ``jobs`` processes and cached, and true positions likewise.
     Measured values are of the `counted_flights`, true ones of all `whole_flights`, detected or not.
     """
-    recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
+    recorded = campaigns(scale, settings_from_labels(scale, seed, scenario), seed, scenario)
     tables = measure_campaigns(recorded, Workers(jobs))
     marks = [truth.kept_marks(twin_of(each), each.frames).path for each in recorded]
     unknown = [each for each, path in zip(recorded, marks, strict=True) if not path.is_file()]
     Workers(jobs)(true_positions, unknown, [len(each.frames) for each in unknown], "truth")
     measured = values_by_campaign(tables, [each.key for each in recorded])
-    whole = {each.key: twin_of(each).life.flights.only(whole_flights(each)) for each in recorded}
+    whole = {each.key: twin_of(each).life.flights.take(whole_flights(each)) for each in recorded}
     true = {key: truth.true_flight_values(flights) for key, flights in whole.items()}
     return Results(recorded, tables, measured, true)
 

@@ -21,7 +21,7 @@ from kilnflight.project import claims
 from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import truth
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.geometry import Geometry
 
 # Parameters in the tables of clusterers
 PARAMETERS = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}

@@ -25,7 +25,7 @@ from kilnflight.tables import DETECTIONS
 class StoredDifferences:
     """Detections and foregrounds of some frames, sliced like an array.
 
-    A foreground is the absolute difference of a frame from its background, in grey values. Square
+    A foreground is the difference of a frame from its background, in grey values. Square
     roots are stored, rounded to one byte. For 10,000 grey values the error is 100 at most, less
     than the noise there. Call `make` before any foreground is read.
     """
@@ -65,7 +65,7 @@ class StoredDifferences:
         def write(path: Path) -> None:
             with path.open("wb") as file:
                 for t, view in kiln.views(recording, self.frames, self.background):
-                    file.write(np.rint(np.sqrt(view.foreground)).astype(np.uint8).data)
+                    file.write(np.sqrt(view.foreground).round().clip(0, 255).astype("u1").data)
                     parts.append(self.detector(view, recording.attributes.roi, frame=t))
 
         clear_parts(self.path)

@@ -17,8 +17,8 @@ import pandas as pd
 from kilnflight.camera import EQUATION_2_4, PLATE_DISTANCES_MM, invert_depth
 from kilnflight.project import claims, paths
 from kilnflight.scores import rates
-from kilnflight.twin.gas import AMBIENT_BAR
 
+AMBIENT_BAR = 1.01325
 COUNTS = ["TP", "FP", "FN"]
 RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
 SUBSETS = ["V1", "V2", "V3", "V4", "V5"]

@@ -6,7 +6,7 @@ that of the particles that passed the metre; "velocity last" is that of the last
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,6 @@ from kilnflight.experiments.campaigns import (
     Measurement,
     counted_flights,
     from_lance,
-    stack,
 )
 from kilnflight.project import claims
 from kilnflight.scores import intervals
@@ -28,18 +27,22 @@ from kilnflight.scores.flights import (
     METRES,
     FlightValues,
     outcomes,
-    quartiles,
     remaining,
 )
 from kilnflight.scores.intervals import Interval
-from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.flights import released
+from kilnflight.twin.fuel import FRACTIONS
+from kilnflight.twin.geometry import Geometry
 from kilnflight.twin.scenes import PRESSURES_BAR
+from kilnflight.twin.truth import true_flight_values
 
 Values = Mapping[CampaignKey, FlightValues]
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 LEAST_FLIGHTS = 6  # in each campaign; claims are open with fewer
-VAGUE = ("the vast majority", "only very few", "almost all")  # no number is printed
-OPEN_ABOVE = ("more than", "over")  # the upper bound in flight.csv is a reading
+TOLERANCE = 0.1  # of a median of times or velocities; set before any flight was measured
+SHARE_POINTS = 5.0  # per cent points of a share; likewise
+PUT_IN = 4000  # particles of a run whose flights show what was put in
+VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
 # Measures of a fit by axis, and their columns in Table 5.18.
 FIT_MEASURES = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
 FIT_MEASURES |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
@@ -64,25 +67,6 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
     return intervals.median_interval(finite(values), generator)
 
 
-def box(times: Array) -> dict[str, float]:
-    """Return a box plot of times (n,) in s, without NaN: quartiles and whiskers.
-
-    Whiskers reach to the last value within 1.5 interquartile ranges of the box, ``outliers`` counts
-    the values beyond. All are NaN without values, and ``outliers`` is 0.
-    """
-    q25, median, q75 = quartiles(times)
-    reach = 1.5 * (q75 - q25)
-    inside = times[(times >= q25 - reach) & (times <= q75 + reach)]
-    return {
-        "whisker_low": float(inside.min()) if len(inside) else np.nan,
-        "q25": float(q25),
-        "median": float(median),
-        "q75": float(q75),
-        "whisker_high": float(inside.max()) if len(inside) else np.nan,
-        "outliers": float(len(times) - len(inside)),
-    }
-
-
 def samples(flight_values: FlightValues) -> dict[str, Array]:
     """Return the finite values (k,) behind each outcome that is a median, by name.
 
@@ -97,39 +81,6 @@ def samples(flight_values: FlightValues) -> dict[str, Array]:
         "dwell median (s)": finite(flight_values.dwell_s),
         "ignition median (s)": finite(flight_values.ignition_s),
     }
-
-
-def median_table(measured: Values, true: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return each campaign's measured medians beside the true ones.
-
-    Parameters
-    ----------
-    measured, true
-        Values by campaign; ``true`` has at least the campaigns of ``measured``.
-    generator
-        Of the bootstrap; its state stays as it was.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``outcome`` as in `kilnflight.scores.flights.outcomes`,
-        ``number`` of particles, ``estimate``, ``low``, ``high`` (NaN of fewer than six), ``true``
-        (median of all flights in the same frames), ``true_number``, and ``covers``: whether the
-        interval holds ``true`` (NA where either is unknown).
-    """
-    parts = {}
-    for key, values in measured.items():
-        ours, real = samples(values), samples(true[key])
-        rows = [
-            {"outcome": name, **interval_columns(median_of(ours[name], generator))}
-            | {"true": quartiles(real[name])[1], "true_number": len(real[name])}
-            for name in ours
-        ]
-        parts[key] = pd.DataFrame(rows)
-    table = stack(parts)
-    known = table[["low", "high", "true"]].notna().all(axis=1)
-    held = table["true"].between(table["low"], table["high"]).astype("boolean")
-    return table.assign(covers=held.where(known))
 
 
 def interval_of(values: FlightValues, outcome: str, generator: np.random.Generator) -> Interval:
@@ -185,63 +136,103 @@ def printed_numbers() -> pd.DataFrame:
     return table[[*KEYS, "outcome", "printed", "low", "high"]]
 
 
-def beside_printed(values: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return `printed_numbers` beside measured ones, with 95 % intervals.
+def put_in(runs: Iterable[CampaignKey], count: int, seed: int) -> pd.DataFrame:
+    """Return every outcome of flights by the laws that were put in, beside `printed_numbers`.
+
+    ``count`` particles of each run are released. The columns are those of `printed_numbers`, NaN
+    where nothing is printed, and ``put_in``.
+    """
+    values = {
+        key: outcomes(true_flight_values(released(*key, Geometry(), count, seed))) for key in runs
+    }
+    known = pd.concat(values, names=[*KEYS, "outcome"]).rename("put_in").reset_index()
+    return known.merge(printed_numbers(), "left", [*KEYS, "outcome"])
+
+
+def recovery(
+    measured: Values, true: Values, start: str, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Compare measured medians and shares with what was put in and with the truth.
 
     Parameters
     ----------
-    values
-        Measured values by campaign; printed numbers of other campaigns are left out.
+    measured, true
+        Values by campaign; ``true`` has at least the campaigns of ``measured``.
+    start
+        First letters of the outcomes (`kilnflight.scores.flights.outcomes`), a regular expression.
     generator
         Of the bootstrap; its state stays as it was.
 
     Returns
     -------
     DataFrame
-        Columns of `printed_numbers`; ``measured``, ``measured_low``, ``measured_high`` in the same
-        unit; ``agrees`` (True, False or None, see `agrees`).
+        ``fraction``, ``pressure_bar``, ``outcome``; ``put_in`` and ``printed`` (text);
+        ``true``: of the particles of this campaign; ``number`` of
+        measured ones, ``measured``; ``error``: measured minus true, with its 95 % interval ``low``
+        and ``high``; ``verdict``: "recovered" if the interval lies within `TOLERANCE`, "biased" if
+        it lies outside, else "open".
     """
-    table = printed_numbers()
-    table = table[[key in values for key in table[KEYS].itertuples(index=False, name=None)]]
-    keys = table[[*KEYS, "outcome"]].itertuples(index=False, name=None)
-    ours = [interval_of(values[name, bar], outcome, generator) for name, bar, outcome in keys]
-    ends = pd.DataFrame([interval_columns(one) for one in ours], table.index)
-    table["measured"] = [one.estimate for one in ours]
-    table[["measured_low", "measured_high"]] = ends.reindex(columns=["low", "high"])
-    answers = map(agrees, table["low"], table["high"], table["printed"], ours)
-    return table.assign(agrees=pd.Series(list(answers), table.index, object))
+    rows = []
+    for key, values in measured.items():
+        known = outcomes(true[key]).filter(regex=f"^({start})")
+        for name in known.index[known.index.str.contains("%") | known.index.isin(samples(values))]:
+            ours = interval_of(values, name, generator)
+            most = SHARE_POINTS if "%" in name else TOLERANCE * abs(known[name])
+            low, high = ours.low - known[name], ours.high - known[name]
+            answer = claims.within(low, high, -most, most) if ours.numbers != (0,) else None
+            numbers = (known[name], sum(ours.numbers), ours.estimate, ours.estimate - known[name])
+            rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
+    told = put_in(measured, PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
+    told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
+    rest = ["true", "number", "measured", "error", "low", "high", "verdict"]
+    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace([np.inf, -np.inf], np.nan)
+    return told.merge(table, "right", [*KEYS, "outcome"])
 
 
-def agrees(low: float, high: float, text: str, ours: Interval) -> bool | None:
-    """Return whether a measured outcome agrees with the print; None if open.
+def differences(
+    measured: Values,
+    true: Values,
+    outcome: str,
+    pairs: Iterable[tuple[CampaignKey, CampaignKey]],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Return how one outcome differs between pairs of campaigns, first minus second.
 
-    It is open if the text has no number (`VAGUE`), the sample is too small for an interval,
-    or the measured number is outside the bounds but its interval is not. Without a measured number
-    the answer is False.
+    ``measured``, ``true`` and ``generator`` are those of `recovery`. Pairs that were not both
+    measured are left out.
 
-    Parameters
-    ----------
-    low, high
-        Printed bounds; equal for a single number, NaN where open.
-    text
-        The printed text. After a word of `OPEN_ABOVE` the upper bound does not count.
-    ours
-        Measured number with its 95 % interval. The interval must hold a single printed number, as
-        rounded in print; the number itself must lie within printed bounds.
+    Returns
+    -------
+    DataFrame
+        ``fraction`` and ``pressure_bar`` of the first, ``other`` and ``other_bar``; ``outcome``;
+        the difference ``measured`` with its 95 % interval ``low`` and ``high`` (Newcombe), and
+        ``true``.
     """
-    if text.startswith(VAGUE):
-        return None
-    if not np.isfinite(ours.estimate):
-        return False
-    if low == high:  # a single number, as exactly as it is printed
-        half = 0.5 * 10.0 ** -len(f"{low:g}".partition(".")[2])
-        held = ours.low <= low + half and low - half <= ours.high
-        return None if held and np.isinf(ours.low) else held
-    least = -np.inf if np.isnan(low) else low
-    most = np.inf if np.isnan(high) or text.startswith(OPEN_ABOVE) else high
-    if least <= ours.estimate <= most:
-        return True
-    return None if ours.low <= most and least <= ours.high else False
+    rows = []
+    for pair in pairs:
+        if set(pair) <= set(measured):
+            found = (interval_of(measured[key], outcome, generator) for key in pair)
+            ends = list(interval_columns(intervals.difference_interval(*found)).values())[1:]
+            real = [float(outcomes(true[key])[outcome]) for key in pair]
+            rows.append((*pair[0], *pair[1], outcome, *ends, real[0] - real[1]))
+    names = [*KEYS, "other", "other_bar", "outcome", "measured", "low", "high", "true"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def all_above(table: pd.DataFrame) -> bool | None:
+    """Return whether all `differences` are above 0; None if an interval holds 0."""
+    return claims.all_of(*map(claims.beyond, table["low"], table["high"])) if len(table) else None
+
+
+def recovered(table: pd.DataFrame, **where: object) -> bool | None:
+    """Return whether all rows of `recovery` with the given cells are recovered; None if open."""
+    table = table[(table[list(where)] == pd.Series(where)).all(axis=1)]
+    answers = {verdict: answer for answer, verdict in VERDICTS.items()}
+    return (
+        None
+        if table.empty
+        else claims.all_of(*table["verdict"].map(answers).replace({np.nan: None}))
+    )
 
 
 def if_complete(

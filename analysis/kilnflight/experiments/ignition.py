@@ -6,12 +6,8 @@ along their tracks. All are flights from the lance that are not refused.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
-from numba import njit
 
 from kilnflight import kiln
 from kilnflight.background.sliding_median import stack_median
@@ -138,21 +134,6 @@ def optical_picture(recording: Recording, frames: range) -> Array:
         pictures = {t: recording.gray(t) for t in np.unique(steps).tolist()}
         background = stack_median(list(pictures.values())).astype(np.float32)
         for t in part.tolist():
-            picture = pictures.pop(t) if t in pictures else recording.gray(t)
-            keep_greatest(picture.ravel(), background.ravel(), most.ravel())
+            change = (pictures.pop(t) if t in pictures else recording.gray(t)) - background
+            np.copyto(most, change, where=np.abs(change) > np.abs(most))
     return (background + most).astype(np.float64)
-
-
-@njit(cache=True)
-def keep_greatest(
-    picture: npt.NDArray[Any], background: npt.NDArray[np.float32], most: npt.NDArray[np.float32]
-) -> None:
-    """Update ``most`` in place: the difference of greatest absolute value.
-
-    All arrays are (pixels,) grey values, ``picture`` of any number type. The difference picture
-    minus background keeps its sign. Ties keep the earlier one.
-    """
-    for p in range(most.size):
-        change = np.float32(picture[p]) - background[p]
-        if abs(change) > abs(most[p]):
-            most[p] = change

@@ -198,7 +198,9 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
 
 
-def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
+def draw_class_recall(
+    recall: pd.DataFrame, by: str, published: Mapping[str, Sequence[Sequence[float]]]
+) -> Figure:
     """Draw the recall of each class by subset, after Figs 5.5, 5.6, 5.8 and 5.10.
 
     A bar needs ten particles: with fewer, a single one would change the recall much.
@@ -210,7 +212,7 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
     by
         Column whose values are the panels, such as "method".
     published
-        Published recall of non-burning particles, in the order of the subsets, for the first panel.
+        Published recall (classes, subsets) by panel, in the order of its bars.
     """
     few = recall["tp"] + recall["fn"] < 10
     groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
@@ -218,10 +220,13 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
     for axes, (name, table) in zip(panels, groups, strict=True):
         draw_bars(axes, table, "subset", "kind", "recall")
         axes.set_title(str(name))
-    if len(published):
-        panels[0].plot(published, clip_on=False, **{**PUBLISHED, "label": "published, non-burning"})
+        for bars, values in zip(axes.containers, published.get(str(name), ()), strict=False):
+            at = [bar.get_x() + bar.get_width() / 2 for bar in bars]
+            axes.plot(at, values, clip_on=False, **PUBLISHED)
     panels[0].set_ylabel("recall")
-    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    handles, labels = panels[0].get_legend_handles_labels()
+    known = dict(zip(labels, handles, strict=True))
+    picture.legend(list(known.values()), list(known), loc="outside upper center", ncols=4)
     return picture
 
 

@@ -22,11 +22,12 @@ WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not 
 CONE = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
 DEPTH_SCATTER_MM = 438.0  # two RMSE in depth (Table 5.18)
 ACROSS_SCATTER_MM = 38.0  # two RMSE across (Table 5.18)
-BEYOND_S = 0.05  # of flight after the last detection; not printed
-NEAR_MM = 100.0  # from the limit, sec. 5.1.4: wall particles at 700 and more of 800
+BEYOND_S, BEYOND_MM = 0.05, 300.0  # of flight after the last detection; not printed
+LAST_S = 0.02  # of detections whose mean velocity leads on; not printed
 FACTOR = 2.0  # on the air's velocity; ours, from Table 5.18
 BEHIND_MM = 219.0  # farther from the camera than the exit; RMSE of Table 5.18
-OUTSIDE_MM = 100.0  # beyond the limit of what is in the air; ours, as NEAR_MM
+# Beyond the limit of what is in the air; ours: wall particles at 700 and more of 800, sec. 5.1.4
+OUTSIDE_MM = 100.0
 LEAVES, BEHIND, TOO_FAST = "leaves the kiln", "turns back behind the lance", "faster than the air"
 
 
@@ -79,12 +80,19 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     """Return positions (n, 3) in mm, on a straight line after the last detection.
 
     ``time_s`` (n,) or one number is on the fit's clock. Polynomials diverge quickly outside their
-    data.
+    data, and so do their slopes at its end. So the mean velocity of the last `LAST_S` leads on.
     """
     time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     observed = np.minimum(time, fit.last_s)
     places = check_finite(fit(observed), "straight_on: fit")
-    return places + (time - observed)[:, None] * fit.velocity(observed)
+    return places + (time - observed)[:, None] * _last_velocity(fit)
+
+
+def _last_velocity(fit: Fit) -> Array:
+    """Return the mean velocity (3,) in mm/s of the last `LAST_S` that were observed."""
+    before = max(fit.first_s, fit.last_s - LAST_S)
+    places = fit(np.array([before, fit.last_s]))
+    return np.asarray((places[1] - places[0]) / max(fit.last_s - before, 1e-9))
 
 
 class FlightEnd(NamedTuple):
@@ -98,17 +106,14 @@ class FlightEnd(NamedTuple):
 def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     """Return whether, when and where a trajectory ends on the wall (section 3.2).
 
-    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A flight lands in
-    one of three cases, in this order. (1) It reaches the limit between first and last detection.
-    (2) It reaches it on a straight line within `BEYOND_S` of the last detection. (3) The last
-    detection is within `NEAR_MM` of the limit; the flight ends there. Otherwise it ends in the air,
-    with the last detection.
+    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A flight lands if
+    it reaches the limit between first and last detection, or on a straight line within `BEYOND_S`
+    and `BEYOND_MM` of the last one. Otherwise it ends in the air, with the last detection.
 
     Notes
     -----
     The thesis ends a flight "by means of the 3D particle classification" and says no more.
-    Detections on the wall are left out before tracking, so a track ends short of the limit. On the
-    wall particles are found from 700 mm on, where the limit is 800 mm (Fig. 3.11), hence (3).
+    Detections on the wall are left out before tracking, so a track ends short of the limit.
     """
 
     def outside(t: npt.ArrayLike) -> Array:
@@ -117,14 +122,15 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
 
     count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
     observed = np.linspace(fit.first_s, fit.last_s, count)
-    later = fit.last_s + np.append(np.arange(0.0, BEYOND_S, STEP_S)[1:], BEYOND_S)
+    beyond_s = min(BEYOND_S, BEYOND_MM / max(float(np.linalg.norm(_last_velocity(fit))), 1.0))
+    later = fit.last_s + np.append(np.arange(0.0, beyond_s, STEP_S)[1:], beyond_s)
     time = np.concatenate([observed, later])
     off = outside(time)
     last = float(off[count - 1])
     wall_mm = last + in_air.threshold_mm
     beyond = off >= -TOUCH_MM
     if not beyond.any():
-        return FlightEnd(last >= -NEAR_MM - TOUCH_MM, float(fit.last_s), wall_mm)
+        return FlightEnd(False, float(fit.last_s), wall_mm)
     k = int(np.argmax(beyond))
     end = float(time[k])
     if k > 0 and off[k - 1] < 0 < off[k]:

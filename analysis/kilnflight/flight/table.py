@@ -23,11 +23,12 @@ from kilnflight.checks import (
 )
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
-from kilnflight.ignition import BEFORE, SEEN, Ignition
+from kilnflight.ignition import BEFORE, NONE, SEEN, Ignition, IgnitionResult
 from kilnflight.regression import Fit
 from kilnflight.tables import FLIGHTS
 
 LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
+UNTESTED = IgnitionResult(NONE)
 EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the gate of sec. 3.3
 
 
@@ -36,9 +37,12 @@ class Rules:
     """Criteria of flights that differ between recordings.
 
     ``ignition`` depends on the camera's grey values, ``plausible`` on the air's velocity.
+
+    The test of grey values is made for papers only (section 5.3.2). Without it a flight has no
+    ignition and does not burn out: it lands or is lost.
     """
 
-    ignition: Ignition = field(default_factory=Ignition)
+    ignition: Ignition | None = field(default_factory=Ignition)  # None: not tested
     plausible: Plausible = field(default_factory=Plausible)
 
 
@@ -98,7 +102,7 @@ def flights(
     """
     rules, view = rules or Rules(), view or FieldOfView()
     columns = ["frame", "particle", "row", "col", "gray", "x", "y", "z"]
-    columns += ["background"] * rules.ignition.above_background
+    columns += ["background"] * (rules.ignition is not None and rules.ignition.above_background)
     check_columns(tracks, columns, "flights: tracks")
     check_number(frame_rate_hz, "flights: frame_rate_hz", above=0)
     table = tracks.assign(particle=check_whole(tracks["particle"], "flights: column particle"))
@@ -137,7 +141,9 @@ def _flight(
         end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
     behind = track["background"].to_numpy()[flying] if "background" in track else None
-    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind)
+    gray, lit = track["gray"].to_numpy()[flying], UNTESTED
+    if rules.ignition is not None:
+        lit = rules.ignition(time[flying], gray, behind)
     burning = lit.outcome in (SEEN, BEFORE)
     return {
         "t0_s": float(fit.t0),

@@ -21,7 +21,6 @@ REPRODUCED, NOT_REPRODUCED, OPEN = "reproduced", "not reproduced", "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
 CAUSES = ("twin", "method", "data", "misprint")  # why a claim is not reproduced
 MEASURED, REASON = 60, 160  # characters
-OTHER_BOUNDS = (1.0, 0.5, 2.0)  # factors of a bound that we chose; a verdict must hold for all
 
 
 @dataclass(frozen=True)
@@ -116,6 +115,11 @@ def beyond(low: float, high: float) -> bool | None:
     return True if low > 0 else False if high < 0 else None
 
 
+def above(draws: pd.Series) -> bool | None:
+    """Return whether draws of a difference lie above 0 (95 %); None (open) if not all on a side."""
+    return beyond(*draws.quantile([0.025, 0.975]))
+
+
 def within(low: float, high: float, least: float, most: float) -> bool | None:
     """Return whether an interval lies between two bounds; None if it contains one.
 
@@ -125,16 +129,6 @@ def within(low: float, high: float, least: float, most: float) -> bool | None:
     (True, None, False)
     """
     return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
-
-
-def about(value: float, named: float, bound: float) -> bool | None:
-    """Return whether a value is "about" the number that a sentence names.
-
-    It is if the two differ by at most ``bound``, which we chose. None (open) if a bound of half or
-    twice the size gives another answer.
-    """
-    answers = {bool(abs(value - named) <= scale * bound) for scale in OTHER_BOUNDS}
-    return answers.pop() if len(answers) == 1 else None
 
 
 def collect() -> pd.DataFrame:

@@ -141,14 +141,14 @@ def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None
     axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
 
 
-def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw tracks as lines; successive ones differ in colour and marker.
+def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
+    """Draw tracks as lines of one colour, or each in another colour and with another marker.
 
     ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
     """
     ordered = table.sort_values(["particle", "frame"])
     for k, (_, track) in enumerate(ordered.groupby("particle")):
-        color, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        color, marker = colour or COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         axes.plot(track["col"], track["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 

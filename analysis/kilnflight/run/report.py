@@ -61,7 +61,7 @@ def read_results(run: KilnRun, settings: Settings, notes: list[str]) -> RunResul
     detections = run.detection.detections()
     tables = detections, run.tracks(), run.trajectories(), run.flights(), run.slices()
     results = RunResults(run.detection.source.name, *tables, settings, notes)
-    more = doubts(results, run.rules.ignition.above_background)
+    more = doubts(results, run.rules.ignition is None or run.rules.ignition.above_background)
     return results._replace(notes=[*notes, *more])
 
 

@@ -47,7 +47,7 @@ def postprocess(
     tracks
         Track table, see `kilnflight.tracklets`.
     differences
-        (frames, rows, cols) absolute differences of the recording's frames and their background,
+        (frames, rows, cols) differences of the recording's frames and their background,
         in grey values; any object with ``shape`` that is sliced like an array. They show a moving
         particle as a streak, the last term of Eq. 4.24. None leaves that term out.
     steps

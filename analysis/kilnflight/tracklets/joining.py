@@ -15,7 +15,7 @@ from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
 from kilnflight.tracklets.eliminate import Elimination, mean_speed, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
-from kilnflight.tracklets.paths import Paths, PathStep, fastest, means, ranges, turns, velocities
+from kilnflight.tracklets.paths import Paths, PathStep, means, ranges, speeds_of, turns, velocities
 from kilnflight.tracklets.texture import level_edge
 
 _OUTLIERS, _FALSE = OutlierRemoval(), Elimination()  # Eqs 4.18 and 4.15, of the connected part
@@ -93,7 +93,7 @@ class Joining(PathStep):
     overlap: float = np.inf  # common frames of a pair that overlaps in time
     distance: float = np.inf  # px, mean in the common frames, which must exist if it is finite
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    jump: float = np.inf  # px/frame by which the joined one may exceed both tracklets
+    jump: float = np.inf  # px/frame by which a step may exceed the usual ones of both tracklets
     half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
     costs: Costs = field(default_factory=Costs)
     matching: Callable[[Candidates], Index] = dual_nearest  # indices of the pairs to join
@@ -102,7 +102,7 @@ class Joining(PathStep):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets, joined until no pair is within the limits.
 
-        ``differences`` (frames, rows, cols) are absolute differences of frames and background, in
+        ``differences`` (frames, rows, cols) are differences of frames and background, in
         grey values. Without them the last term of Eq. 4.24, for the streak, is left out. In each
         iteration only pairs with a tracklet that was just joined get a new cost.
         """
@@ -133,11 +133,13 @@ class Joining(PathStep):
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
         possible = (pairs.cost > 0) | merged
         (i, k, gap), overlap = _take(pairs, possible), _take(overlap, possible)
-        alone = fastest(paths.names(), paths.frame, paths.place, len(changed))
-        limit = np.maximum(alone[i], alone[k]) + self.jump
+        steps = paths.names(), paths.frame, paths.place, len(changed)
+        usual, most = speeds_of(*steps, "median"), speeds_of(*steps)
+        limit = np.maximum(usual[i], usual[k]) + self.jump
         turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
-        pairs, limit = _take(Candidates(i, k, cost), allowed), limit[allowed]
+        limit = np.maximum(limit, np.maximum(most[i], most[k]))[allowed]
+        pairs = _take(Candidates(i, k, cost), allowed)
         if np.isinf(self.jump):
             return pairs
         return _take(pairs, _joined_speed(paths, pairs) <= limit)  # where they overlap, too
@@ -175,7 +177,7 @@ class Joining(PathStep):
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > _OUTLIERS.angle_deg) & (change > _OUTLIERS.change)
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
-        allowed &= fastest(names, frame, place, count) <= limit
+        allowed &= speeds_of(names, frame, place, count) <= limit
         allowed &= mean_speed(names, frame, place) > _FALSE.speed
         allowed &= regularity(names, frame, place) > _FALSE.regularity
         deep = ~np.isnan(place[:, 2])
@@ -220,8 +222,10 @@ class Connection(Joining):
     1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`dual_nearest`). (7) The
     text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
     spares a jump straight ahead, however far, and to and fro between two that overlap. So no
-    step of the joined tracklet may be faster than the fastest one of both by more than ``jump``,
-    the change of velocity that Eq. 4.18 allows. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
+    step of the connected part may be faster than both tracklets usually are (the larger of their
+    median steps) by more than ``jump``, the change of velocity that Eq. 4.18 allows. Nor may a
+    step of the joined tracklet, unless one of the two has such a step itself. Source: Eqs 4.21
+    to 4.25 and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
@@ -359,7 +363,7 @@ def _joined_speed(paths: Paths, pairs: Candidates) -> Array:
     names, points = np.append(one, other), np.append(points, more)
     later = np.arange(len(names)) >= len(one)
     names, _, frame, place = _united(paths, names, points, later)
-    return fastest(names, frame, place, len(pairs.cost))
+    return speeds_of(names, frame, place, len(pairs.cost))
 
 
 def _united(

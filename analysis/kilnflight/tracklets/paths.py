@@ -59,7 +59,7 @@ class PathStep(ABC):
         tracks
             Track table, see `kilnflight.tracklets`.
         differences
-            (frames, rows, cols) absolute differences of frames and background, in grey values; used
+            (frames, rows, cols) differences of frames and background, in grey values; used
             by `Joining` alone, see `kilnflight.tracklets.postprocess`.
 
         Raises
@@ -74,7 +74,7 @@ class PathStep(ABC):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets after this step.
 
-        ``differences`` (frames, rows, cols) are absolute differences of frames and background, or
+        ``differences`` (frames, rows, cols) are differences of frames and background, or
         None.
         """
 
@@ -146,14 +146,14 @@ def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
     return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
 
-def fastest(names: Index, frame: Whole, place: Array, count: int) -> Array:
-    """Return the largest speed (count,) of each path in px/frame; 0 for one point.
+def speeds_of(names: Index, frame: Whole, place: Array, count: int, of: str = "max") -> Array:
+    """Return the largest speed of each of ``count`` paths in px/frame, or its median; or 0.
 
-    ``names`` (n,) is the path of each point, below ``count``; points are sorted by path and frame.
+    ``names`` (n,) are the paths of points, ``frame`` (n,), ``place`` (n, 2 or more) row, col in px.
     """
-    found = np.zeros(count)
-    np.maximum.at(found, *speeds(names, frame, place))
-    return found
+    path, speed = speeds(names, frame, place)
+    found = pd.Series(speed).groupby(path).agg(of)
+    return np.asarray(found.reindex(range(count), fill_value=0.0), dtype=np.float64)
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:

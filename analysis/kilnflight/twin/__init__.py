@@ -1,33 +1,28 @@
-"""The twin: a kiln whose truth is known.
+"""The twin: a kiln whose truth is known, in which particles fly and burn as printed.
 
 ::
 
-    particles -> flight (gas, burning) -> life -> picture, background, camera
-        -> scene (a recording) -> truth
+    fuel, flights -> feeding -> life -> picture, background, lenses -> scene (a recording) -> truth
 
-It never sees a method, and no method sees it. Every coefficient is a field with unit and
-source: published, handbook, or assumption. A few are fitted (`fitted`). Nothing is tuned to the
-outcome of any other measuring method. data/reference/twin_inputs.csv lists all of them.
+It never sees a method, and no method sees it. Every input has unit and source: published,
+handbook, fitted or assumption. data/reference/twin_inputs.csv lists the main ones. Flights were
+fitted to printed numbers, the light to Otsu's row of Table 5.5, the depth to Tables 5.2 and 5.18,
+and nothing to the outcome of any other method.
 
 ==========  =====================================================================
 module      content
 ==========  =====================================================================
-camera      kiln, lance and camera; light into grey values; the depth of a plate
-lenses      depth, made from the picture on the grid of micro-lenses
-compiled    what laws share with numba: written once, for arrays and single particles
-gas         stream and jet; drag, heat transfer, conduction
-particles   the feed: sizes, masses, material, handfuls and their times
-burning     the state of a particle in flight: heating, ignition, burning
-plates      sheets that turn: normal, spin, force and heat
-flight      from the lance to the end
-life        all particles of a scene at any moment
-light       Planck in the camera's band, flames that flicker
-burner      lance and burner as bodies, and the burner's flame
+geometry    kiln, lance and camera: where things are, and where they are seen
+fuel        sizes of the particles of four fractions
+flights     paths, landing and ignition as formulas of time
+feeding     handfuls of a campaign, chosen particles of a labelled subset
+life        all particles of a recording at any moment
+light       grey values of wall, particles and flames, and noise
 background  the picture without particles
 picture     particles as ellipses in the picture, marked as by a person
+lenses      depth, made from the picture on the grid of micro-lenses
 scene       `Scene` and `Twin`, its recording
 scenes      the five subsets, the eight campaigns, the scenarios
 truth       tables of the truth; true velocities and dwell times of flights
-fitted      the few fitted inputs, and the kiln, light and depth camera made of them
 ==========  =====================================================================
 """

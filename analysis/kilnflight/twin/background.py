@@ -1,60 +1,61 @@
-"""The picture without particles: wall, inlet plate, burner flame, flicker, edges.
+"""The picture without particles: wall, inlet plate, lance, burner, flicker, edges.
 
-The static part is made once per scene. The changing part is a function of time alone
-(sums of sinusoids with seeded phases), so that any frame can be rendered by itself.
+The static part is made once per scene. The changing part is a function of time alone (sums of
+sines with seeded phases), so that any frame can be rendered by itself. The thesis shows lance and
+burner (Figs 2.2 and 3.4) and prints that the burner is partly inside the kiln, with a flame that is
+exceptionally bright (section 3.1). All else is assumed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.twin.burner import Burner, Flame, Tube, burner_tube, lance_tube
-from kilnflight.twin.camera import Geometry, Optics
-from kilnflight.twin.picture import Veil
-
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
+from kilnflight.arrays import Array, Single
+from kilnflight.twin.geometry import FULL_SCALE, Geometry
+from kilnflight.twin.light import Optics
 
 ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
 # Cells around and along the wall of each scale of its texture, and its weight
 TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
+TEXTURE_SD = 0.085  # relative; 10 K of a wall of 1423 K in the band of the sensor
+PLATE = 0.47  # level of the inlet plate over the wall's
 WAVES = 12  # of the flicker's frequencies
+FLICKER, FLICKER_S = 0.012, 0.15  # of hot gas, relative and local, and its time
 FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
-FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
+FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera
+COMMON, COMMON_HZ = 0.015, (1.0, 30.0)  # of the whole picture (burner), relative, and its rates
+EDGE_STRENGTH = 0.10  # relative, of micro-lens artefacts
 FULL_COLUMNS = 2048
+LANCE_MM, BORE_MM = 34.0, 20.0  # radii; a bore of 40 mm is printed (sec. 2.1.1)
+TUBE_MM, NOZZLE_MM = 70.0, 42.0  # radii of the burner
+STEEL, COLD = 0.30, 0.12  # levels of cooled steel and of a cold bore over the wall's
+NOZZLE = (0.40, 0.88)  # of the burner, as share of rows and columns of its rectangle
+NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m
+FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame, full camera
+FLAME_LEVEL = 1.3  # over full scale
+FLAME_EDGE = 0.05  # width of its edge over its radius
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Appearance of the kiln without particles; all assumptions but the temperatures."""
+    """Regions of the picture, as a recording states them."""
 
-    texture_k: float = 25.0  # standard deviation of the wall's temperature (slag, bricks)
-    plate_k: float = 1340.0  # the inlet plate is cooler than the wall
-    flicker: float = 0.012  # relative, local, of hot gas
-    flicker_time_s: float = 0.15
-    common_flicker: float = 0.015  # relative, of the whole picture (burner)
-    common_time_s: float = 0.03
     # Rectangle of the burner's flame: first row, last row, first column, last column.
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
-    burner: Burner = field(default_factory=Burner)  # with the lance: cooled tubes
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
-    edge_strength: float = 0.10  # relative
     # Polygon of the region of interest, as share of rows and columns: not published, set by
-    # Table 5.3 (an input), which keeps nine tenths in air and half of those on the wall. Its
-    # lower edge was moved once, from 0.78 to 0.87, after it had kept a seventh on the wall.
+    # Table 5.3 (an input), which keeps nine tenths in air and half of those on the wall.
     roi: tuple[tuple[float, float], ...] = (
         (0.07, 0.10),
         (0.07, 0.90),
         (0.50, 0.95),
-        (0.87, 0.80),
-        (0.87, 0.20),
+        (0.70, 0.80),
+        (0.70, 0.20),
         (0.50, 0.05),
     )
 
@@ -80,19 +81,53 @@ def _depth_mm(geometry: Geometry) -> Array:
     return depth
 
 
+def _see_tube(
+    geometry: Geometry, mouth_m: Array, radii_mm: tuple[float, float], row: Array, column: Array
+) -> tuple[Array, Array]:
+    """Return depth in mm (infinite beside it) and level over the wall's of a tube at pixels.
+
+    It lies along the kiln's axis from the inlet to its mouth (3,), with an outer radius and a bore.
+    The camera sees the mouth, and the side that is turned to it.
+    """
+    ray = geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
+    start = -geometry.origin_mm @ geometry.axes.T - 1000.0 * mouth_m
+    radius, bore = radii_mm
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mouth = -start[0] / ray[..., 0]
+        a = (ray[..., 1:] ** 2).sum(axis=-1)
+        b = (ray[..., 1:] * start[1:]).sum(axis=-1)
+        root = np.sqrt(b**2 - a * ((start[1:] ** 2).sum() - radius**2))
+        side = (-b - root) / a
+    across = start[1:] + mouth[..., None] * ray[..., 1:]
+    from_centre = np.hypot(across[..., 0], across[..., 1])
+    along, inlet = start[0] + side * ray[..., 0], 1000.0 * (geometry.inlet_m - mouth_m[0])
+    on_mouth = from_centre <= radius
+    on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
+    depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
+    # the side is the darker, the less it faces the camera
+    facing = np.nan_to_num(root / np.sqrt(np.maximum(a, 1e-12)) / radius)
+    rim = np.where(from_centre <= bore, COLD, STEEL)
+    return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
+
+
+def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float) -> Array:
+    """Return three sums of six sines each, of unit spread, at a time."""
+    generator = np.random.default_rng([seed, stream])
+    low, high = np.log(limits_hz)
+    hertz = np.exp(generator.uniform(low, high, (3, 6)))
+    phase = generator.uniform(0, 2 * np.pi, (3, 6))
+    waves = np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1)
+    return np.asarray(waves / np.sqrt(3), dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class Background:
-    """The picture without particles at any time.
-
-    Lance and burner stand in the kiln, the inlet plate is smooth, the burner's flame is soot
-    that lets light through, and the flicker of hot gas has no lattice. All is positive.
-    """
+    """The picture without particles at any time; all is positive."""
 
     geometry: Geometry
     optics: Optics
     surroundings: Surroundings
     seed: int
-    lance_elevation_deg: float = 0.0  # over the axis, as particles leave it
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""
@@ -105,121 +140,104 @@ class Background:
         return total / np.sqrt(power)
 
     @cached_property
-    def _fields(self) -> list[Picture]:
+    def _fields(self) -> list[Single]:
         """White noise of each scale of the texture; its ends meet."""
         generator = np.random.default_rng([self.seed, 101])
         fields = [generator.normal(size=(cells, cells)) for cells, _ in TEXTURE]
         return [np.pad(field.astype(np.float32), 2, mode="wrap") for field in fields]
 
-    def _vignetting(self) -> Array:
-        rows, columns = self.geometry.rows, self.geometry.columns
-        row = np.linspace(-1, 1, rows)[:, None]
-        column = np.linspace(-1, 1, columns)[None, :] * columns / rows
-        return 1.0 - 0.12 * (row**2 + column**2) / 2.78
-
     @cached_property
-    def _edges(self) -> Picture:
-        """Return the relative strength of the micro-lens artefacts.
-
-        They are a hexagonal pattern at the border.
-        """
-        rows, columns, width = self.geometry.rows, self.geometry.columns, self.surroundings.edge_px
-        row = np.arange(rows, dtype=np.float32)[:, None]
-        column = np.arange(columns, dtype=np.float32)[None, :]
-        near = np.minimum(row, rows - 1 - row)
-        inside = np.minimum(near, np.minimum(column, columns - 1 - column))
+    def _edges(self) -> Single:
+        """Relative strength of the micro-lens artefacts, a hexagonal pattern at the border."""
+        size = self.geometry.rows, self.geometry.columns
+        row, column = np.ogrid[: size[0], : size[1]]
+        near = np.minimum(row, size[0] - 1 - row)
+        inside = np.minimum(near, np.minimum(column, size[1] - 1 - column))
         k = 2 * np.pi / 23.0  # px between micro-lens images
-        pattern = np.cos(k * column) + np.cos(k * (0.5 * column + 0.866 * row))
-        pattern = pattern + np.cos(k * (0.5 * column - 0.866 * row))
-        return (np.clip(1 - inside / width, 0, 1) * pattern / 3).astype(np.float32)
+        pattern = sum(
+            np.cos(k * (c * column + s * row)) for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
+        )
+        strength = np.clip(1 - inside / self.surroundings.edge_px, 0, 1) * pattern / 3
+        return np.asarray(strength, np.float32)
 
     def common(self, time_s: float) -> float:
         """Return the relative brightness of the whole picture, about 1."""
-        generator = np.random.default_rng([self.seed, 103])
-        corner = 1 / (2 * np.pi * self.surroundings.common_time_s)
-        hertz = corner * np.tan(np.pi / 2 * (np.arange(9) + generator.uniform(0, 1, 9)) / 10)
-        phase = generator.uniform(0, 2 * np.pi, 9)
-        waves = np.cos(2 * np.pi * hertz * time_s + phase).sum() * np.sqrt(2 / 9)
-        return float(1 + self.surroundings.common_flicker * waves)
+        return 1 + COMMON * float(_sines(self.seed, 103, COMMON_HZ, time_s)[0])
 
     @cached_property
-    def tubes(self) -> list[Tube]:
-        """The tubes of lance and burner."""
-        burner = self.surroundings.burner
-        return [
-            lance_tube(burner, self.geometry, self.lance_elevation_deg),
-            burner_tube(burner, self.geometry, self.surroundings.flame_roi),
-        ]
+    def nozzle_m(self) -> Array:
+        """Mouth of the burner in kiln coordinates, (3,)."""
+        top, bottom, left, right = self.surroundings.flame_roi
+        pixel = top + NOZZLE[0] * (bottom - top), left + NOZZLE[1] * (right - left)
+        return self.geometry.to_kiln(self.geometry.unproject(*pixel, NOZZLE_DEPTH_MM))
+
+    def _tubes(self) -> tuple[Array, Array]:
+        """Depth in mm and level over the wall's of lance and burner, (rows, columns) each."""
+        depth, level = (np.full(_depth_mm(self.geometry).shape, value) for value in (np.inf, 0.0))
+        tubes = (self.geometry.lance_m, (LANCE_MM, BORE_MM)), (self.nozzle_m, (TUBE_MM, NOZZLE_MM))
+        for rows, row, column in _blocks(self.geometry):
+            for mouth_m, radii in tubes:
+                seen, shade = _see_tube(self.geometry, mouth_m, radii, row, column)
+                level[rows] = np.where(seen < depth[rows], shade, level[rows])
+                depth[rows] = np.minimum(seen, depth[rows])
+        return depth, level
 
     @cached_property
-    def solid_mm(self) -> Picture:
+    def solid_mm(self) -> Single:
         """Depth of lance and burner, (rows, columns); infinite where there is neither."""
-        depth = _depth_mm(self.geometry)
-        nearest = np.full(depth.shape, np.inf)
-        for pixels, seen_mm, _ in self._seen_tubes:
-            nearest[pixels] = np.minimum(nearest[pixels], seen_mm)
-        return np.where(nearest < depth, nearest, np.inf).astype(np.float32)
+        return self._tubes()[0].astype(np.float32)
 
-    @cached_property
-    def _seen_tubes(self) -> list[tuple[tuple[Index, Index], Array, Array]]:
-        """Row and column of the pixels that see a tube, its depth in mm and its shade there."""
-        place = self.geometry
-        found = []
-        for tube in self.tubes:
-            parts = []
-            for block, row, column in _blocks(place):
-                seen_mm, shade = tube.seen(place, row, column)
-                at = np.nonzero(np.isfinite(seen_mm))
-                parts.append((at[0] + block.start, at[1], seen_mm[at], shade[at]))
-            rows, columns, depth, shades = map(np.concatenate, zip(*parts, strict=True))
-            found.append(((rows, columns), depth, shades))
-        return found
-
-    @cached_property
+    @property
     def depth_mm(self) -> Array:
         """True depth of wall, plate, lance and burner, (rows, columns)."""
         return np.minimum(_depth_mm(self.geometry), self.solid_mm)
 
     @cached_property
-    def level(self) -> Picture:
+    def level(self) -> Single:
         """Grey values of wall, plate and tubes, (rows, columns), without flicker and noise."""
-        optics, depth = self.optics, _depth_mm(self.geometry)
-        level = np.empty(depth.shape)
+        wall_mm, (tube_mm, shade) = _depth_mm(self.geometry), self._tubes()
+        level = np.empty(wall_mm.shape)
         for rows, row, column in _blocks(self.geometry):
-            level[rows] = self._lit(row, column, depth[rows])
-        for at, seen_mm, shade in self._seen_tubes:
-            level[at] = np.where(seen_mm < depth[at], shade * optics.at_wall, level[at])
-        soft = cv2.GaussianBlur(level * self._vignetting(), (0, 0), optics.edge_softness_px)
-        return soft.astype(np.float32)
+            point = self.geometry.to_kiln(self.geometry.unproject(row, column, wall_mm[rows]))
+            angle = np.arctan2(point[..., 2], point[..., 1])
+            texture = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
+            plate = point[..., 0] <= self.geometry.inlet_m + 0.01
+            level[rows] = np.where(plate, PLATE, np.exp(TEXTURE_SD * texture))
+        level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
+        place = self.geometry
+        down, over = np.linspace(-1, 1, place.rows), np.linspace(-1, 1, place.columns)
+        level *= 1.0 - 0.12 * (down[:, None] ** 2 + (4 / 3 * over) ** 2) / 2.78  # vignetting
+        blur = self.optics.edge_softness_px
+        return cv2.GaussianBlur(level, (0, 0), blur).astype(np.float32)
 
-    def _lit(self, row: Array, column: Array, depth_mm: Array) -> Array:
-        """Return the grey values of wall and plate at pixels, in the light of the flame, too."""
-        place, around = self.geometry, self.surroundings
-        camera = place.unproject(row, column, depth_mm)
-        point = place.to_kiln(camera)
-        plate = point[..., 0] <= place.inlet_m + 0.01
-        angle = np.arctan2(point[..., 2], point[..., 1])
-        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
-        kelvin = np.where(plate, around.plate_k, self.optics.wall_k + around.texture_k * wall)
-        return self.optics.glow(kelvin) + self.flame.lights(camera, self.optics)
+    def _burn(self, picture: Single, time_s: float) -> None:
+        """Draw the burner's flame: an ellipse that begins at the nozzle, away from the lance."""
+        top, bottom, left, right = self.surroundings.flame_roi
+        ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+        (row0, row1), (col0, col1) = self.geometry.project(self.geometry.to_camera(ends_m))
+        down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(row1 - row0, col1 - col0)
+        moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(self.seed, 106, (3.0, 17.0), time_s)
+        length, width = np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
+        row = np.arange(top, bottom)[:, None] - row0 - down * length / 2
+        column = np.arange(left, right) - col0 - over * length / 2
+        along = (row * down + column * over) / (length / 2)
+        across = (column * down - row * over) / (width / 2)
+        edge = (np.hypot(along, across) - 1) / FLAME_EDGE
+        share = (1 / (1 + np.exp(np.clip(4 * edge, -50, 50)))).astype(np.float32)
+        behind = picture[top:bottom, left:right]
+        behind += share * (np.float32(FLAME_LEVEL * FULL_SCALE * moves[2]) - behind)
 
     @cached_property
-    def flame(self) -> Flame:
-        """The burner's flame."""
-        around = self.surroundings
-        return Flame(around.burner, self.tubes[1], self.geometry, around.flame_roi, self.seed)
-
-    @cached_property
-    def _patterns(self) -> tuple[Array, npt.NDArray[np.float32]]:
+    def _patterns(self) -> tuple[Array, Single]:
         """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the flicker."""
-        around, generator = self.surroundings, np.random.default_rng([self.seed, 105])
-        corner = 1 / (2 * np.pi * around.flicker_time_s)
+        generator = np.random.default_rng([self.seed, 105])
+        corner = 1 / (2 * np.pi * FLICKER_S)
         strata = (np.arange(WAVES) + generator.uniform(0, 1, WAVES)) / WAVES
         size = self._cells
         spread = FLICKER_PX * self.geometry.columns / FULL_COLUMNS / self._block
         noise = generator.normal(size=(2 * WAVES, *size)).astype(np.float32)
         smooth = np.stack([cv2.GaussianBlur(one, (0, 0), spread) for one in noise])
-        smooth *= around.flicker / (smooth.std() * np.sqrt(WAVES))
+        smooth *= FLICKER / (smooth.std() * np.sqrt(WAVES))
         return corner * np.tan(np.pi / 2 * strata), smooth.reshape(2 * WAVES, -1)
 
     @property
@@ -230,7 +248,7 @@ class Background:
     def _cells(self) -> tuple[int, int]:
         return -(-self.geometry.rows // self._block), -(-self.geometry.columns // self._block)
 
-    def _local(self, time_s: float) -> Picture:
+    def _local(self, time_s: float) -> Single:
         """Return the flicker of hot gas (rows, columns): positive factors about 1."""
         hertz, patterns = self._patterns
         angle = 2 * np.pi * hertz * time_s
@@ -241,22 +259,14 @@ class Background:
         size = (self.geometry.columns, self.geometry.rows)
         return cv2.resize(field.reshape(self._cells), size, interpolation=cv2.INTER_LINEAR)
 
-    def at(self, time_s: float) -> Picture:
+    def at(self, time_s: float) -> Single:
         """Return the picture (rows, columns) at a time, without particles and noise."""
-        return self.veiled(time_s)[0]
-
-    def veiled(self, time_s: float) -> tuple[Picture, Veil]:
-        """Return the picture and the burner's flame that is in it."""
         picture = self._local(time_s)
-        artefacts = np.float32(self.surroundings.edge_strength * self.common(2 * time_s))
+        artefacts = np.float32(EDGE_STRENGTH * self.common(2 * time_s))
         edge = self.surroundings.edge_px
         middle = slice(edge, -edge)
         for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
             picture[strip] *= 1 + self._edges[strip] * artefacts
         picture *= self.level
-        veil = self.flame.at(time_s, self.optics)
-        top, bottom, left, right = veil.rectangle
-        behind = picture[top:bottom, left:right]
-        behind *= veil.passing
-        behind += veil.own
-        return picture, veil
+        self._burn(picture, time_s)
+        return picture

@@ -23,53 +23,61 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from kilnflight.arrays import Array, Flags, Index, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.twin.background import Background
-from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
+from kilnflight.twin.geometry import FULL_SCALE
+from kilnflight.twin.light import Optics
 from kilnflight.twin.picture import Blobs, Pixels
 
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
-
 FULL_COLUMNS = 2048
-INVERSE_MM = (10.0, 15_000.0)  # step and end of the table of Eq. 2.4
 BLOCKS = 3  # per lens and direction, in which contrast is summed
 # Depths between which the plate scatters most (sec. 2.1.5: 3 m), and where it no longer does
 _NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
 
 
 @dataclass(frozen=True)
-class LensCamera(DepthCamera):
-    """Say where lenses find a depth, and how wrong it is."""
+class LensCamera:
+    """Say where lenses find a depth, and how wrong it is.
+
+    Errors are true millimetres, as the thesis sees them after calibration; they are inputs. That a
+    measurement finds them again validates nothing.
+    """
 
     lenses: tuple[int, int] = (152, 176)  # rows, columns (R12 data sheet): 11.6 px apart
-    # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth
-    contrast: float = 15.0
+    wall_points: int = 186_000  # candidates; about 200,000 points a frame with those of particles
+    kept_per_frame: float = 0.9  # of the wall's candidates; assumption
+    # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth;
+    # fitted to Table 5.2, with 3D
+    contrast: float = 22.0
     # Power of the contrast by which depths are weighed where a lens sees two: 2 where squared
     # differences are matched, more where the stronger edge wins
     dominance: float = 4.0
     clear: float = 2.0  # a particle's contrast over the wall's, below which two depths are refused
     wall_contrast: float = 0.5  # likewise, of the wall, which many lenses see; assumption
-    # Chosen by hand while looking at the distances of neighbours (Fig. 5.7), and at nothing else:
-    # 0.1, 96 px, 0.6 mm, 0.6 and 0.85 gave 29, 58 and 85 % nearer than 1, 2 and 4 mm before the
-    # least contrast was found; 0.03, 200 px, 0.4 mm, 0.9 and 0.95 gave 47, 73 and 90 % after it.
+    wall_error: float = 0.022  # relative (sec. 2.1.5: about 1 m range at 8 m)
+    # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these
+    wall_error_near_mm: float = 170.0
+    # Set by hand with the distances of neighbours (Fig. 5.7) in view, and nothing else
     changing: float = 0.03  # of the error's variance, from frame to frame
     bias_px: float = 200.0  # over which the bias of the calibration changes
-    white_mm: float = 0.9
+    white_mm: float = 0.9  # per point
     points_per_pixel: float = 0.5  # of what lenses see of particles
-    kept_per_frame: float = 0.9  # of the wall's points
     # Contrast over noise at which noise makes the error of a particle 1.4 times as large
     half_contrast: float = 3.0
-    # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these: with
-    # the plate's 350 mm no trajectory past 3 m could have the RMSE of Table 5.18
-    wall_error_near_mm: float = 170.0
+    scale: float = 1.0  # of the errors common to a patch or particle, for the sensitivity
+    # Fitted to Table 5.18, RMSE in z, mm
+    particle_error_mm: tuple[tuple[str, float], ...] = (
+        ("wood chip", 143.2),
+        ("confetti", 130.1),
+        ("paper shred", 218.4),
+        ("PE granule", 174.0),
+    )
 
     def captured(self, true_mm: npt.ArrayLike) -> Array:
         """Return the captured depth that Eq. 2.4 turns into each true depth.
 
-        The plate's is exact at whole metres only: Eq. 2.4 is not monotone below 3 m, and 2.5 m
-        comes back as 3.5 m. Here it jumps where the equation does.
+        Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation does.
         """
         depth = np.asarray(true_mm, dtype=np.float64)
         return np.asarray(np.interp(depth, *_inverse_of_equation_2_4()))
@@ -80,7 +88,7 @@ class LensCamera(DepthCamera):
         As the plate's, but without steps.
         """
         depth = np.asarray(depth_mm, dtype=np.float64)
-        relative = float(np.hypot(self.wall_error, self.static_bias))
+        relative = self.wall_error
         begin, end = relative * _NEAR_MM[0], relative * _NEAR_MM[3]
         near = np.interp(depth, _NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
         inside = (depth > _NEAR_MM[0]) & (depth < _NEAR_MM[3])
@@ -99,11 +107,6 @@ class Lattice(NamedTuple):
     lenses: tuple[int, int]
 
     @property
-    def size(self) -> int:
-        """Number of lenses."""
-        return self.lenses[0] * self.lenses[1]
-
-    @property
     def pitch_px(self) -> float:
         """Distance of the lenses of a row."""
         return self.columns / self.lenses[1]
@@ -120,7 +123,7 @@ class Lattice(NamedTuple):
 
     def centres(self) -> tuple[Index, Index]:
         """Return the pixels (rows and columns) in the middle of all lenses."""
-        row, column = np.divmod(np.arange(self.size), self.lenses[1])
+        row, column = np.divmod(np.arange(np.prod(self.lenses)), self.lenses[1])
         down = (row + 0.5) * self.rows / self.lenses[0]
         right = (column + 0.25 + 0.5 * (row % 2)) * self.pitch_px
         return (
@@ -132,7 +135,7 @@ class Lattice(NamedTuple):
         """Return the block of each pixel."""
         return row // self.block_px * self.blocks[1] + column // self.block_px
 
-    def between(self, row: Index, column: Index) -> tuple[npt.NDArray[np.int32], Picture]:
+    def between(self, row: Index, column: Index) -> tuple[npt.NDArray[np.int32], Single]:
         """Return the four lenses around pixels (4, n) and their weights (4, n)."""
         down = np.clip(row * (self.lenses[0] / self.rows) - 0.5, 0.0, self.lenses[0] - 1.001)
         upper = down.astype(np.intp)
@@ -147,18 +150,11 @@ class Lattice(NamedTuple):
         return np.stack(lens).astype(np.int32), np.stack(weight).astype(np.float32)
 
 
-class Contrast(NamedTuple):
-    """What the blocks of a picture show; arrays (rows, columns) of blocks."""
-
-    variance: Picture  # of the grey values within a lens
-    mean: Picture
-
-
 @lru_cache(maxsize=1)
 def _inverse_of_equation_2_4() -> tuple[Array, Array]:
     """Return true depths, ascending, and the captured ones; lines between them."""
-    step, top = INVERSE_MM
-    true = np.arange(step, top, step)
+    step = 10.0
+    true = np.arange(step, 15_000.0, step)
     captured = invert_depth(true)
     at = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))  # from here on the second segment
     sides = np.array([at - 1e-6, at])
@@ -170,12 +166,12 @@ def _inverse_of_equation_2_4() -> tuple[Array, Array]:
 
 
 def measure_contrast(
-    picture: Picture,
+    picture: Single,
     lattice: Lattice,
     full_scale: float = np.inf,
-    asked: npt.NDArray[np.bool_] | None = None,
-) -> Contrast:
-    """Return mean and variance of grey values within a lens around each block.
+    asked: Flags | None = None,
+) -> tuple[Single, Single]:
+    """Return variance and mean of grey values within a lens around each block.
 
     Parameters
     ----------
@@ -195,7 +191,7 @@ def measure_contrast(
     of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
     mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
     variance = np.maximum(square - mean * mean, 0.0)
-    return Contrast(np.asarray(variance, np.float32), np.asarray(mean, np.float32))
+    return np.asarray(variance, np.float32), np.asarray(mean, np.float32)
 
 
 @njit(cache=True)
@@ -231,15 +227,15 @@ class LensWall:
 
     camera: LensCamera
     lattice: Lattice
-    depth_mm: Picture  # (rows, columns), true
-    bias: Picture  # (rows, columns) of the calibration, in standard deviations
-    variance: Picture  # of blocks
-    changing_mm: Picture  # of lenses: error that changes
+    depth_mm: Single  # (rows, columns), true
+    bias: Single  # (rows, columns) of the calibration, in standard deviations
+    variance: Single  # of blocks
+    changing_mm: Single  # of lenses: error that changes
     index: Index  # pixels of the wall that can have depth
     block: npt.NDArray[np.int32]  # of each of them
     lens: npt.NDArray[np.int32]  # (4, pixels) around each of them
-    weight: Picture  # (4, pixels)
-    level_mm: Picture  # (pixels,) depth with the bias of the calibration
+    weight: Single  # (4, pixels)
+    level_mm: Single  # (pixels,) depth with the bias of the calibration
 
     @classmethod
     def of(
@@ -250,8 +246,8 @@ class LensWall:
         rows, columns = level.shape
         lattice = Lattice(rows, columns, camera.lenses)
         generator = np.random.default_rng([seed, 304])
-        seen = measure_contrast(level, lattice)
-        over_noise = np.asarray(np.sqrt(seen.variance) / optics.noise(seen.mean), np.float32)
+        variance, mean = measure_contrast(level, lattice)
+        over_noise = np.asarray(np.sqrt(variance) / optics.noise(mean), np.float32)
         index = _textured(over_noise, lattice, camera, edge_px, generator)
         row, column = np.divmod(index, columns)
         centre = lattice.centres()
@@ -267,7 +263,7 @@ class LensWall:
             lattice,
             true,
             bias,
-            seen.variance,
+            variance,
             changing.astype(np.float32),
             index,
             lattice.block_of(row, column).astype(np.int32),
@@ -275,7 +271,7 @@ class LensWall:
             at + bias.reshape(-1)[index] * camera.wall_scale(at).astype(np.float32),
         )
 
-    def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Picture]:
+    def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Single]:
         """Return pixels (n,) and depths in mm (n,) of the points of a frame, error included."""
         camera, lattice = self.camera, self.lattice
         block = lattice.block_of(*lattice.centres())
@@ -292,7 +288,7 @@ class LensWall:
         depth = np.concatenate([depth, self._mixed(pixel, of_lenses)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
-    def _mixed(self, pixel: tuple[Index, Index], of_lenses: tuple[Picture, ...]) -> Picture:
+    def _mixed(self, pixel: tuple[Index, Index], of_lenses: tuple[Single, ...]) -> Single:
         """Return the depths at pixels near particles: of the wall, of particles, and between.
 
         By lens: the weight of particles, that times their depth, the wall's weight and its error.
@@ -307,7 +303,7 @@ class LensWall:
 
     def look(
         self,
-        picture: Picture,
+        picture: Single,
         scene: tuple[Blobs, Pixels],
         error: Array,
         labels: npt.NDArray[np.uint8],
@@ -335,19 +331,19 @@ class LensWall:
         block = lattice.block_of(*np.divmod(place, lattice.columns))
         size = lattice.blocks[0] * lattice.blocks[1]
 
-        def within(weights: Array) -> Picture:
+        def within(weights: Array) -> Single:
             total = np.bincount(block, weights, size).reshape(lattice.blocks)
             summed = cv2.blur(total.astype(np.float32), (BLOCKS, BLOCKS))
             return np.asarray(summed, np.float32)
 
         count = within(np.ones(len(block)))
-        seen = measure_contrast(picture, lattice, FULL_SCALE, count > 0)
+        variance, mean = measure_contrast(picture, lattice, FULL_SCALE, count > 0)
         there = count > 0.5 / BLOCKS**2
         total = np.maximum(count, 1e-6)
         covered_share = np.minimum(count / lattice.block_px**2, 1.0)
         wall = self.variance * (1 - covered_share)  # what a particle hides has no contrast
-        own = np.where(there, np.maximum(seen.variance - wall, 0.0), 0.0)
-        noise = optics.noise(seen.mean)
+        own = np.where(there, np.maximum(variance - wall, 0.0), 0.0)
+        noise = optics.noise(mean)
         contrast = np.sqrt(own) / noise
         strongest = np.zeros(len(blobs.row))
         np.maximum.at(strongest, blob, contrast.reshape(-1)[block])
@@ -363,7 +359,7 @@ class LensWall:
         return Sight(within_body, behind, depth, valid, hidden, candidates[kept])
 
 
-def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture) -> Picture:
+def _interpolated(values: Single, lens: npt.NDArray[np.int32], weight: Single) -> Single:
     """Return values of lenses between four of them each."""
     total = weight[0] * values.take(lens[0])
     for of_lens, of_weight in zip(lens[1:], weight[1:], strict=True):
@@ -411,16 +407,16 @@ def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) 
 class Sight(NamedTuple):
     """What the lenses see of the particles of a frame."""
 
-    contrast: Picture  # of blocks: standard deviation of grey values, of particles alone
-    wall: Picture  # likewise: of the wall that they leave to be seen
-    depth_mm: Picture  # of blocks: the particle's, with its error
-    valid: npt.NDArray[np.bool_]  # of blocks: a particle gives a depth
-    hidden: npt.NDArray[np.bool_]  # of pixels (rows * columns,): the wall is not seen there
+    contrast: Single  # of blocks: standard deviation of grey values, of particles alone
+    wall: Single  # likewise: of the wall that they leave to be seen
+    depth_mm: Single  # of blocks: the particle's, with its error
+    valid: Flags  # of blocks: a particle gives a depth
+    hidden: Flags  # of pixels (rows * columns,): the wall is not seen there
     pixels: Index  # that have a particle's depth
 
 
 def _textured(
-    over_noise: Picture,
+    over_noise: Single,
     lattice: Lattice,
     camera: LensCamera,
     edge_px: int,
@@ -442,7 +438,7 @@ def _textured(
     return np.sort(best[score.reshape(-1)[best] > 0])
 
 
-def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Picture:
+def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Single:
     """Return a smooth field (rows, columns) of unit variance."""
     cells = (int(rows / cell_px) + 2, int(columns / cell_px) + 2)
     coarse = generator.standard_normal(cells).astype(np.float32)
@@ -450,7 +446,7 @@ def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: fl
     return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
 
 
-def _pixels_of(valid: npt.NDArray[np.bool_], lattice: Lattice) -> Index:
+def _pixels_of(valid: Flags, lattice: Lattice) -> Index:
     """Return the pixels of blocks."""
     row, column = np.nonzero(valid)
     inner = np.arange(lattice.block_px)

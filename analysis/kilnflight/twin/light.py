@@ -1,139 +1,105 @@
-"""Light: Planck in the camera's band, and flames that flicker.
+"""Light: grey values of wall, particles and flames, and the noise of the camera.
 
-Soot and char shine after Planck, a flame is as opaque as its soot makes it, and its luminosity and
-area are first-order processes. They are sums of waves, so that any moment can be computed alone.
+Levels are relative to the wall's and to full scale. An unlit particle has one level for all its
+flight. A flame adds its own light and lets a share of that behind it pass, the less the thicker it
+is. Its brightness and area flutter: sums of sines, so that any moment can be computed alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import check_number
-from kilnflight.twin.gas import Gas, excess_velocity, stream
+from kilnflight.arrays import Array, Index
 
-Array = npt.NDArray[np.float64]
-Range = tuple[float, float]
-
-SECOND_RADIATION_UM_K = 14_388.0  # hc/k
-# Electrons per unit of radiant energy of a front-lit silicon sensor behind glass, over its peak;
-# assumption after data sheets of such sensors.
-BAND_UM = np.linspace(0.4, 1.0, 13)
-RESPONSE = np.array([0.5, 0.8, 0.95, 1.0, 0.98, 0.92, 0.82, 0.7, 0.55, 0.4, 0.26, 0.14, 0.05])
-WAVES = 12  # of a process; more change nothing that can be seen
-PIXELS = 4096  # whose light is summed at once
-
-
-def band_radiance(temperature_k: npt.ArrayLike) -> Array:
-    """Return what the sensor sees of a black body by Planck's law, in arbitrary units."""
-    kelvin = np.maximum(np.asarray(temperature_k, dtype=np.float64), 250.0)
-    flat, seen = kelvin.reshape(-1, 1), np.empty(kelvin.size)
-    for first in range(0, len(flat), PIXELS):  # a picture's bands together do not fit the cache
-        part = slice(first, first + PIXELS)
-        planck = BAND_UM**-5 / np.expm1(SECOND_RADIATION_UM_K / (BAND_UM * flat[part]))
-        seen[part] = np.trapezoid(RESPONSE * planck, BAND_UM)
-    return seen.reshape(kelvin.shape)
+SHUTTER_S = 2.5e-3  # at which the wall has its level; just below the frame period of 330/s
+SINES = 3  # of a flutter
 
 
 @dataclass(frozen=True)
-class Light:
-    """How particles shine and are lit.
+class Optics:
+    """The way from light to grey values.
 
-    ``soot_1_m`` and ``irradiance_spread`` come from `kilnflight.twin.fitted`, all else from
-    the literature or by assumption.
+    ``unlit`` to ``gas_mm`` are fitted to Otsu's row and class recalls of Table 5.5 (notebook 10),
+    ``share_on`` in an earlier fit to the same; all else are assumptions. No threshold of the thesis
+    may be copied from there.
     """
 
-    shutter_s: float = 2.5e-3  # at which the wall has its level; a longer one brightens all
-    soot_k: Range = (1800.0, 2000.0)  # luminous diffusion flames of hydrocarbons and cellulose
-    # Absorption of soot in the band, 5 f/wavelength: 6 to 60 1/m for 1 to 10 ppm (Modest 2013)
-    soot_1_m: float = 30.0
-    # Char that oxidises is hotter than gas and wall around it, 1423 K, and dimmer than a flame
-    # (design: twin2.md): below the 3 walls of the mean flame at the least soot. Assumption within.
-    char_k: Range = (1430.0, 1540.0)
-    # Relative standard deviation of luminosity and area, and corner frequency (design:
-    # twin2.md); both differ from flame to flame
-    flutter: Range = (0.1, 0.3)
-    flutter_hz: Range = (10.0, 60.0)
-    tail_s: float = 2.5e-3  # how long soot glows behind its particle; assumption
-    longest_tail_mm: float = 14.0  # then it is burnt; assumption
-    rise_m_s: float = 0.6  # of a flame's gas by buoyancy: sqrt(2 g 2 cm); assumption
-    irradiance_spread: float = 0.2  # of the light on single particles, of its logarithm
-    # Shares of light that pass: seen through a granule, and scattered through paper (opacity of
-    # office paper 80 to 90 %)
-    seen_through: tuple[tuple[str, float], ...] = (("PE granule", 0.4),)
-    scattered_through: tuple[tuple[str, float], ...] = (("confetti", 0.15), ("paper shred", 0.15))
+    wall: float = 20_000.0  # grey value of the wall at `SHUTTER_S`
+    exposure_s: float = SHUTTER_S  # 6 ms for PE granules (sec. 5.2.3)
+    read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
+    shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
+    unlit: float = 0.86  # median level of unlit particles over the wall's
+    unlit_spread: float = 1.43  # of its logarithm
+    flame: float = 1.04  # of a thick flame over full scale
+    thick_mm: float = 1.25  # diameter of a flame by which light falls to 1/e
+    gas_mm: float = 1.6  # radius of the burning gas around a particle
+    share_on: float = 0.18  # of the time in which a flame on the wall is there
+    flutter: tuple[float, float] = (0.1, 0.3)  # relative, of brightness and area
+    flutter_hz: tuple[float, float] = (10.0, 60.0)
+    tail_s: float = 2.5e-3  # how long soot glows behind its particle
+    longest_tail_mm: float = 10.0
+    curl: float = 0.4  # half axes of a burning sheet over those before
+    flame_softness: float = 0.35  # width of its edge over its radius
+    edge_softness_px: float = 0.8  # blur of the processed image
 
-    def __post_init__(self) -> None:
-        """Refuse light that is not positive."""
-        for field in fields(self)[:10]:
-            for value in np.atleast_1d(getattr(self, field.name)):
-                check_number(float(value), f"Light: {field.name}", above=0)
+    @property
+    def exposure(self) -> float:
+        """Light over that of a shutter of `SHUTTER_S`."""
+        return self.exposure_s / SHUTTER_S
 
-    def fires(self, names: Sequence[str], seed: int) -> Fires:
-        """Draw what differs between the particles of a scene, of these fractions."""
-        n, generator = len(names), np.random.default_rng([seed, 202])
-        strata = (np.arange(WAVES) + generator.uniform(0, 1, (n, 2, WAVES))) / WAVES
-        low, high = map(float, np.log(self.flutter_hz))
-        corner = np.exp(generator.uniform(low, high, (n, 2, 1)))
-        seen, scattered = dict(self.seen_through), dict(self.scattered_through)
-        return Fires(
-            soot_k=generator.uniform(*self.soot_k, n),
-            char_k=generator.uniform(*self.char_k, n),
-            shade=_about_one(self.irradiance_spread, generator.normal(size=n)),
-            strength=generator.uniform(*self.flutter, (n, 2)),
-            hertz=corner * np.tan(np.pi / 2 * strata),
-            phase=generator.uniform(0, 2 * np.pi, (n, 2, WAVES)),
-            seen_through=np.array([seen.get(name, 0.0) for name in names]),
-            scattered_through=np.array([scattered.get(name, 0.0) for name in names]),
-        )
+    @property
+    def at_wall(self) -> float:
+        """Grey value of the wall at this exposure."""
+        return self.wall * self.exposure
 
-    def tails(self, velocity_m_s: Array, from_lance_m: Array, gas: Gas) -> Array:
-        """Return the tails (m, 3) in mm of flames: along the wind on them, and up."""
-        wind = -velocity_m_s
-        wind[:, 0] += stream(gas, from_lance_m.T) + excess_velocity(gas, from_lance_m.T)
-        wind[:, 2] += self.rise_m_s
-        tail = 1000.0 * self.tail_s * wind
-        length = np.linalg.norm(tail, axis=1, keepdims=True)
-        return tail * np.minimum(1.0, self.longest_tail_mm / np.maximum(length, 1e-9))
+    def spread(self, factor: float) -> Optics:
+        """Return the optics with another spread of unlit levels."""
+        return replace(self, unlit_spread=factor * self.unlit_spread)
+
+    def noise(self, level: npt.ArrayLike) -> Array:
+        """Return the standard deviation of the noise at a grey value."""
+        return np.sqrt(self.read_noise**2 + self.shot_gain * np.asarray(level, dtype=np.float64))
 
 
-class Fires(NamedTuple):
+class Looks(NamedTuple):
     """What differs between the particles of a scene; arrays (n, ...)."""
 
-    soot_k: Array
-    char_k: Array
-    shade: Array  # light on it over the mean
-    strength: Array  # (n, 2) of the changes of luminosity and area
-    hertz: Array  # (n, 2, waves)
-    phase: Array  # (n, 2, waves)
-    seen_through: Array
-    scattered_through: Array
+    level: Array  # unlit, over the wall's
+    brightness: Array  # of the flame, about 1
+    gas_mm: Array  # radius of the burning gas
+    strength: Array  # (n, 2) of the flutter of brightness and area
+    hertz: Array  # (n, 2, sines)
+    phase: Array  # (n, 2, sines)
 
-    def flutter(self, rows: npt.NDArray[np.intp], time_s: float, shutter_s: float) -> Array:
-        """Return luminosity and area (2, m) of flames over their means at a time.
+    def flutter(self, rows: Index, time_s: float, shutter_s: float) -> Array:
+        """Return brightness and area (2, m) of flames over their means at a time.
 
-        Each is the exponential of a first-order process: its frequencies are spread as a
-        relaxation's, so it forgets exponentially. The shutter averages what is faster.
+        The shutter averages what is faster.
         """
         hertz = self.hertz[rows]
         waves = np.cos(2 * np.pi * hertz * time_s + self.phase[rows]) * np.sinc(hertz * shutter_s)
-        return _about_one(self.strength[rows], waves.sum(axis=-1) * np.sqrt(2 / WAVES)).T
+        strength = self.strength[rows]
+        return np.exp(strength * waves.sum(-1) * np.sqrt(2 / SINES) - np.square(strength) / 2).T
 
 
-class Look(NamedTuple):
-    """How the particles of a moment shine; arrays (m, ...)."""
-
-    fires: Fires  # of these particles
-    char: npt.NDArray[np.bool_]  # glows without a flame
-    luminosity: Array  # of flames, over the mean
-    swelling: Array  # area of flames over the mean
-    tail_mm: Array  # (m, 3) in kiln coordinates
-
-
-def _about_one(spread: npt.ArrayLike, normal: Array) -> Array:
-    """Return positive factors of mean 1 of standard normal values."""
-    return np.exp(np.asarray(spread) * normal - np.square(spread) / 2)
+def draw_looks(fractions: npt.NDArray[np.object_], optics: Optics, seed: int) -> Looks:
+    """Draw how the particles of a scene look."""
+    n, generator = len(fractions), np.random.default_rng([seed, 202])
+    level = optics.unlit * np.exp(optics.unlit_spread * generator.standard_normal(n))
+    gas = optics.gas_mm * np.exp(0.25 * generator.standard_normal(n))
+    low, high = np.log(optics.flutter_hz)
+    corner = np.exp(generator.uniform(low, high, (n, 2, 1)))
+    strata = (np.arange(SINES) + generator.random((n, 2, SINES))) / SINES
+    return Looks(
+        # from soot to paper, of which 0.85 of twice the wall's light comes back
+        level=np.clip(level, 0.12, 1.7),
+        brightness=np.exp(0.15 * generator.standard_normal(n)),
+        gas_mm=np.where(fractions == "confetti", 0.75, 1.0) * gas,
+        strength=generator.uniform(*optics.flutter, (n, 2)),
+        hertz=corner * np.tan(np.pi / 2 * strata),
+        phase=generator.uniform(0, 2 * np.pi, (n, 2, SINES)),
+    )

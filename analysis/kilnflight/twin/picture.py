@@ -1,43 +1,29 @@
 """The look of particles: tumbling ellipsoids, unlit or with a flame.
 
-Unlit ones are seen in the wall's light.
-
-All particles of a frame are drawn together. The pixels of every particle's box stand in one
-long array, so that nothing loops over particles or pixels.
+All particles of a frame are drawn together. The pixels of every particle's box stand in one long
+array, so that nothing loops over particles or pixels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics, unit_vectors
+from kilnflight.arrays import Array, Flags, Index, Single
+from kilnflight.twin.fuel import FRACTIONS
+from kilnflight.twin.geometry import FULL_SCALE, Geometry, unit_vectors
 from kilnflight.twin.life import Moment
-from kilnflight.twin.light import Look
-from kilnflight.twin.particles import FRACTIONS
-from kilnflight.twin.plates import projected_axes
+from kilnflight.twin.light import Looks, Optics
 
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.intp]
-Single = npt.NDArray[np.float32]
-
-VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark (twin.md, rule 5)
-VISIBLE_PX = 5  # pixels of that contrast
+VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark; assumption
+VISIBLE_PX = 5  # pixels of that contrast; assumption
 LARGEST_RADIUS = 1.6  # of an ellipse that is drawn, in radii
 FAR_PX = 1e6  # beyond every picture: a particle at the camera is endlessly large
-
-
-@dataclass(frozen=True)
-class Tumbling:
-    """Rates at which particles turn; axis and rate of each are constant."""
-
-    sheet_hz: float = 12.0  # terminal velocity over a few widths; assumption
-    body_hz: float = 20.0  # of chips and granules in the jet; assumption
+SHEET_HZ, BODY_HZ = 12.0, 20.0  # at which particles turn; assumption
 
 
 class Bodies(NamedTuple):
@@ -48,29 +34,20 @@ class Bodies(NamedTuple):
     across: Array  # (n, 3) unit vector across it
     turns_hz: Array
     phase: Array
-    reflectivity: Array
-    emissivity: Array
-    sheet: npt.NDArray[np.bool_]
+    sheet: Flags
 
 
-def draw_bodies(table: pd.DataFrame, tumbling: Tumbling, seed: int) -> Bodies:
-    """Draw the bodies of the particles of a scene (columns as in `life.live`)."""
-    n = len(table)
-    generator = np.random.default_rng([seed, 201])
+def draw_bodies(table: pd.DataFrame, seed: int) -> Bodies:
+    """Draw the bodies of the particles of a scene (columns as in `Life`)."""
+    n, generator = len(table), np.random.default_rng([seed, 201])
     axis = unit_vectors(generator.normal(size=(n, 3)))
-    across = unit_vectors(np.cross(axis, generator.normal(size=(n, 3))))
-    kinds = [FRACTIONS[name] for name in table["fraction"]]
-    sheet = np.array([kind.sheet for kind in kinds], dtype=bool)
-    sizes = table[["length_mm", "width_mm", "thickness_mm"]].to_numpy()
-    hertz = np.where(sheet, tumbling.sheet_hz, tumbling.body_hz)
+    sheet = np.array([FRACTIONS[name].sheet for name in table["fraction"]], dtype=np.bool_)
     return Bodies(
-        half_mm=sizes / 2,
+        half_mm=table[["length_mm", "width_mm", "thickness_mm"]].to_numpy() / 2,
         axis=axis,
-        across=across,
-        turns_hz=hertz * generator.lognormal(0.0, 0.4, n),
+        across=unit_vectors(np.cross(axis, generator.normal(size=(n, 3)))),
+        turns_hz=np.where(sheet, SHEET_HZ, BODY_HZ) * generator.lognormal(0.0, 0.4, n),
         phase=generator.uniform(0.0, 2 * np.pi, n),
-        reflectivity=np.array([kind.reflectivity for kind in kinds]),
-        emissivity=np.array([kind.emissivity for kind in kinds]),
         sheet=sheet,
     )
 
@@ -78,7 +55,7 @@ def draw_bodies(table: pd.DataFrame, tumbling: Tumbling, seed: int) -> Bodies:
 class Blobs(NamedTuple):
     """Particles as they lie in the picture; arrays (m, ...)."""
 
-    particle: npt.NDArray[np.intp]
+    particle: Index
     row: Array
     column: Array
     spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
@@ -91,28 +68,34 @@ class Blobs(NamedTuple):
     tail: Array = np.zeros((1, 2))
 
 
-def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, look: Look) -> Blobs:
+def project(
+    moment: Moment, bodies: Bodies, looks: Looks, geometry: Geometry, optics: Optics, time_s: float
+) -> Blobs:
     """Return how every particle of a moment looks, far ones first."""
-    rows = moment.particle
+    rows, flame = moment.particle, moment.burning
     place = geometry.to_camera(moment.position_m)
     scale = geometry.focal_length_px / place[:, 2]
-    flame = moment.burning & ~look.char
-    curled = np.where(moment.burning & body.sheet[rows], optics.curl**2, 1.0)[:, None, None]
-    halo = np.where(flame, optics.flame_mm**2, 0.0)[:, None, None] * np.eye(2)
-    shape = curled * _ellipses(moment, body, geometry) + halo
+    curled = np.where(flame & bodies.sheet[rows], optics.curl**2, 1.0)
+    bright, swollen = looks.flutter(rows, time_s, optics.exposure_s)
+    gas = np.where(flame, looks.gas_mm[rows] ** 2, 0.0)[:, None, None] * np.eye(2)
+    shape = curled[:, None, None] * _ellipses(moment, bodies, geometry) + gas
+    shape *= np.where(flame, swollen, 1.0)[:, None, None]
+    passes = np.exp(-2 * np.linalg.det(shape) ** 0.25 / optics.thick_mm)  # through its diameter
+    own = optics.flame * FULL_SCALE * optics.exposure * looks.brightness[rows] * bright
+    level = np.where(flame, own * (1 - passes), optics.at_wall * looks.level[rows])
     row, column = geometry.project(place)
-    shape *= np.where(flame, look.swelling, 1.0)[:, None, None]
-    level, passes = _radiance(moment, body, optics, look, flame, shape)
-    tail = (look.tail_mm @ geometry.axes)[:, [1, 0]] * np.array([-1.0, 1.0]) * flame[:, None]
+    wind = -1000.0 * optics.tail_s * moment.velocity_m_s
+    length = np.linalg.norm(wind, axis=1, keepdims=True)
+    wind *= np.minimum(1.0, optics.longest_tail_mm / np.maximum(length, 1e-9))
+    tail = (wind @ geometry.axes)[:, [1, 0]] * np.array([-1.0, 1.0]) * flame[:, None]
     shape = shape + tail[:, :, None] * tail[:, None, :] / 4
     row, column = row + tail[:, 0] * scale / 2, column + tail[:, 1] * scale / 2
     shape = shape * (scale**2)[:, None, None]
     sharp = np.sqrt(np.maximum(np.linalg.det(shape), 1e-12))
     shape = shape + np.eye(2) * optics.edge_softness_px**2
-    speed = geometry.axes.T @ moment.velocity_m_s[..., None] * 1000.0
-    x, y, z = (speed[:, k, 0] for k in range(3))
+    x, y, z = 1000.0 * (moment.velocity_m_s @ geometry.axes).T
     travel = np.stack([-(y - z * place[:, 1] / place[:, 2]), x - z * place[:, 0] / place[:, 2]], 1)
-    travel = travel * (scale * optics.exposure_s)[:, None]
+    travel *= (scale * optics.exposure_s)[:, None]
     shape = shape + travel[:, :, None] * travel[:, None, :] / 4.0
     blobs = Blobs(
         particle=rows,
@@ -120,7 +103,7 @@ def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, lo
         column=column,
         spread_px2=shape,
         brightness=level,
-        passes=passes,
+        passes=np.where(flame, passes, 0.0),
         softness=np.where(flame, optics.flame_softness, 0.15),
         dilution=np.minimum(sharp / np.sqrt(np.linalg.det(shape)), 1.0),
         depth_mm=place[:, 2],
@@ -130,49 +113,16 @@ def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, lo
     return Blobs._make(part[order] for part in blobs)
 
 
-def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:
+def _ellipses(moment: Moment, bodies: Bodies, geometry: Geometry) -> Array:
     """Return the projected ellipses in mm^2, (m, 2, 2), of row and column."""
     rows = moment.particle
-    angle = 2 * np.pi * body.turns_hz[rows] * moment.age_s + body.phase[rows]
-    angle = np.where(moment.landed, 0.0, angle)
-    axis, across = body.axis[rows], body.across[rows]
-    third = np.cross(axis, across)
-    turned = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * third
-    normal = np.cross(axis, turned)
-    half = body.half_mm[rows] * np.sqrt(moment.area)[:, None]
-    total = np.zeros((len(rows), 2, 2))
-    for k, direction in enumerate((axis, turned, normal)):
-        camera = direction @ geometry.axes
-        flat = np.stack([-camera[:, 1], camera[:, 0]], axis=1) * half[:, k : k + 1]
-        total += flat[:, :, None] * flat[:, None, :]
-    # sheets that turn as they fly
-    sheet = np.flatnonzero(np.isfinite(moment.normal).all(axis=1) & ~moment.landed)
-    view = np.stack([-geometry.axes[:, 1], geometry.axes[:, 0]])
-    total[sheet] = projected_axes(moment.normal[sheet], half[sheet], view, moment.along[sheet])
-    return total
-
-
-def _radiance(
-    moment: Moment,
-    body: Bodies,
-    optics: Optics,
-    look: Look,
-    flame: npt.NDArray[np.bool_],
-    shape_mm2: Array,
-) -> tuple[Array, Array]:
-    """Return the grey value that each particle sends out, and the share that it lets pass.
-
-    A flame is soot as deep as it is wide, char a hot body, all else a cold one in the wall's light.
-    """
-    rows, light, fires = moment.particle, optics.light, look.fires
-    depth_m = 2e-3 * np.linalg.det(shape_mm2) ** 0.25
-    opaque = 1 - np.exp(-light.soot_1_m * look.luminosity * depth_m)
-    reflected = (body.reflectivity[rows] + fires.scattered_through) * optics.irradiance
-    seen = fires.seen_through
-    kelvin = np.where(look.char, fires.char_k, np.where(flame, fires.soot_k, moment.surface_k))
-    own = np.where(flame, opaque, body.emissivity[rows] * (1 - seen)) * optics.glow(kelvin)
-    lit = np.where(flame, 0.0, reflected * fires.shade * optics.at_wall)
-    return own + lit, np.where(flame, 1 - opaque, np.where(look.char, 0.0, seen))
+    angle = 2 * np.pi * bodies.turns_hz[rows] * moment.age_s + bodies.phase[rows]
+    angle = np.where(moment.landed, 0.0, angle)[:, None]
+    axis, across = bodies.axis[rows], bodies.across[rows]
+    turned = np.cos(angle) * across + np.sin(angle) * np.cross(axis, across)
+    directions = np.stack([axis, turned, np.cross(axis, turned)], axis=1) @ geometry.axes
+    flat = directions[..., [1, 0]] * np.array([-1.0, 1.0]) * bodies.half_mm[rows, :, None]
+    return np.asarray(np.einsum("mki,mkj->mij", flat, flat), dtype=np.float64)
 
 
 class Pixels(NamedTuple):
@@ -180,7 +130,7 @@ class Pixels(NamedTuple):
 
     blob: Index  # row in `Blobs`
     place: Index  # row * columns + column
-    radius: npt.NDArray[np.float32]  # 1 on the ellipse
+    radius: Single  # 1 on the ellipse
 
 
 def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
@@ -237,38 +187,8 @@ def _runs(
     return blob, row, left, count
 
 
-class Veil(NamedTuple):
-    """Something bright and translucent in front of a rectangle: the burner's flame."""
-
-    depth_mm: float
-    rectangle: tuple[int, int, int, int]  # first row, row after the last, first column, ...
-    passing: npt.NDArray[np.float32]  # (rows, columns) of the rectangle: share from behind
-    own: npt.NDArray[np.float32]  # likewise: grey values that it adds
-
-    def before(self, depth_mm: Array, place: Index, columns: int) -> tuple[Single, Single]:
-        """Return both at pixels (k,) of things at these depths; nothing is before nearer ones."""
-        top, bottom, left, right = self.rectangle
-        passing, own = np.ones(len(place), np.float32), np.zeros(len(place), np.float32)
-        veiled = np.flatnonzero(
-            (depth_mm > self.depth_mm) & (place >= top * columns) & (place < bottom * columns)
-        )
-        row, column = np.divmod(place.take(veiled), columns)
-        beside = (column >= left) & (column < right)
-        veiled, inside = veiled[beside], (row[beside] - top, column[beside] - left)
-        passing[veiled], own[veiled] = self.passing[inside], self.own[inside]
-        return passing, own
-
-
-def paint(
-    picture: npt.NDArray[np.float32],
-    blobs: Blobs,
-    pixels: Pixels,
-    optics: Optics,
-    veil: Veil | None = None,
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Draw particles into a picture (rows, columns), in place.
-
-    Each is drawn over those behind it, so that transmittances multiply.
+def paint(picture: Single, blobs: Blobs, pixels: Pixels, optics: Optics) -> tuple[Flags, Flags]:
+    """Draw particles into a picture (rows, columns), in place, each over those behind it.
 
     Returns
     -------
@@ -278,7 +198,7 @@ def paint(
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
-    behind, change = _drawn_over(picture, blobs, pixels, veil)
+    behind, change = _drawn_over(picture, blobs, pixels)
     marked = pixels.radius <= 1.15
     inner = np.flatnonzero(marked)
     before, after = behind.take(inner), behind.take(inner) + change.take(inner)
@@ -288,9 +208,7 @@ def paint(
     return marked, count >= VISIBLE_PX
 
 
-def _drawn_over(
-    picture: Single, blobs: Blobs, pixels: Pixels, veil: Veil | None
-) -> tuple[Single, Single]:
+def _drawn_over(picture: Single, blobs: Blobs, pixels: Pixels) -> tuple[Single, Single]:
     """Draw each particle over those behind it; return what was there, and the change (k,)."""
     flat, of_blob = picture.reshape(-1), pixels.blob
     last = 1 / (1 + np.exp((LARGEST_RADIUS - 1) / blobs.softness))  # it ends where it is drawn
@@ -299,10 +217,6 @@ def _drawn_over(
     share = np.maximum(1 / (1 + np.exp((pixels.radius - 1) * steepness)) - least, 0) * dilution
     covered = share * (1 - blobs.passes).astype(np.float32).take(of_blob)
     added = share * blobs.brightness.astype(np.float32).take(of_blob)
-    if veil:
-        depth_mm = blobs.depth_mm.take(of_blob)
-        passing, own = veil.before(depth_mm, pixels.place, picture.shape[1])
-        added = passing * added + covered * own
     behind, change = np.empty_like(share), np.empty_like(share)
     for layer in _layers(pixels.place, flat.size):
         place = pixels.place.take(layer)

@@ -1,8 +1,8 @@
-"""A scene: feed, kiln and camera, and its recording.
+"""A scene: who is fed, kiln and camera; and its recording.
 
-A `Scene` is a few parameters and a seed. `Twin` is its recording. Each frame is
-rendered on demand from the seed and its number alone. So frames come in any order and from any
-process, and nothing grows with the length.
+A `Scene` is a few parameters and a seed. `Twin` is its recording. Each frame is rendered on demand
+from the seed and its number alone. So frames come in any order and from any process, and nothing
+grows with the length.
 """
 
 from __future__ import annotations
@@ -15,61 +15,49 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4
-from kilnflight.checks import InputError, check_number
-from kilnflight.recording.frames import Attributes, Frame, check_position
+from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.twin.background import Background, Surroundings
-from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics
-from kilnflight.twin.flight import Flight
-from kilnflight.twin.gas import Gas
+from kilnflight.twin.feeding import LABELLED, feed_campaign, feed_subset, handfuls
+from kilnflight.twin.geometry import FULL_SCALE, Geometry
 from kilnflight.twin.lenses import LensCamera, LensWall, Sight
-from kilnflight.twin.life import Life, Moment, OnTheWall, live
-from kilnflight.twin.light import Fires, Look
-from kilnflight.twin.particles import Burst
-from kilnflight.twin.picture import (
-    Blobs,
-    Bodies,
-    Pixels,
-    Tumbling,
-    cover,
-    draw_bodies,
-    paint,
-    project,
-)
+from kilnflight.twin.life import Life, Moment
+from kilnflight.twin.light import Looks, Optics, draw_looks
+from kilnflight.twin.picture import Blobs, Bodies, Pixels, cover, draw_bodies, paint, project
 
-Array = npt.NDArray[np.float64]
 LEAST_DEPTH_MM = 300.0  # nearer ones are behind the camera or fill the picture
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All that determines a recording of the twin."""
+    """All that determines a recording of the twin.
+
+    A campaign has a ``fraction`` and a ``count`` of particles, a labelled subset ``labelled``: by
+    class of Table 5.1 the labels within the region of interest and outside it, in ten frames.
+    """
 
     name: str
-    feed: tuple[Burst, ...]
     frames: int
     seed: int
     frame_rate_hz: float = 330.0  # 153.85 for PE granules (sec. 5.2.3)
     fraction: str = "mixed"
-    gas: Gas = field(default_factory=Gas)
+    pressure_bar: float = 4.5
+    count: int = 0
+    handful: float = 6.0  # mean number of particles in one; assumption
+    labelled: tuple[tuple[int, tuple[int, int]], ...] = ()
+    level_lance: bool = False  # particles leave it along the axis, for the sensitivity
     geometry: Geometry = field(default_factory=Geometry)
-    flight: Flight = field(default_factory=Flight)
-    on_the_wall: OnTheWall = field(default_factory=OnTheWall)
-    tumbling: Tumbling = field(default_factory=Tumbling)
     optics: Optics = field(default_factory=Optics)
     surroundings: Surroundings = field(default_factory=Surroundings)
     depth: LensCamera = field(default_factory=LensCamera)
 
-    def __post_init__(self) -> None:
-        """Refuse recordings without length, and time that does not go forward."""
-        for name in ("frames", "frame_rate_hz"):
-            check_number(float(getattr(self, name)), f"scene {self.name}: {name}", above=0)
-        if self.optics.exposure_s * self.frame_rate_hz > 1:
-            raise InputError(
-                f"scene {self.name}: an exposure of {self.optics.exposure_s} s does not fit into "
-                f"a frame at {self.frame_rate_hz} Hz; shorten exposure_s."
-            )
+    @property
+    def roi(self) -> tuple[tuple[float, float], ...]:
+        """Vertices (row, col) of the region of interest in px."""
+        rows, columns = self.geometry.rows, self.geometry.columns
+        return tuple((row * rows, column * columns) for row, column in self.surroundings.roi)
 
 
 @dataclass(frozen=True)
@@ -87,81 +75,55 @@ class Twin:
         """The attributes of the whole recording."""
         scene, place = self.scene, self.scene.geometry
         lance = place.lance_mm * (scene.depth.captured(place.lance_depth_mm) / place.lance_depth_mm)
-        roi = tuple((r * place.rows, c * place.columns) for r, c in scene.surroundings.roi)
         return Attributes(
             name=scene.name,
             frame_rate_hz=scene.frame_rate_hz,
             rows=place.rows,
             columns=place.columns,
             fraction=scene.fraction,
-            pressure_bar=scene.gas.pressure_bar,
+            pressure_bar=scene.pressure_bar,
             lance_mm=tuple(map(float, lance)),  # type: ignore[arg-type]
-            roi=roi,
+            roi=scene.roi,
             flame_roi=scene.surroundings.flame_roi,
             depth_calibration=EQUATION_2_4,
         )
 
     @cached_property
     def life(self) -> Life:
-        """All particles, computed once.
-
-        Raises
-        ------
-        InputError
-            If particles are fed and none is ever in the picture.
-        """
-        scene = self.scene
-        kiln = (scene.gas, scene.geometry, scene.flight, scene.on_the_wall)
-        life = live(scene.feed, *kiln, scene.seed)
-        if len(life.table) and not self._shown(life):
-            raise InputError(
-                f"scene {scene.name}: none of its {len(life.table)} particles is in the picture in "
-                f"{scene.frames} frames. Feed earlier (start_s of Burst), or change geometry."
-            )
-        return life
-
-    def _shown(self, life: Life) -> bool:
-        """Return whether any particle lies in the picture while it is recorded."""
-        place, flights = self.scene.geometry, life.flights
-        time = life.release_s[:, None] + flights.age_s
-        recorded = (time >= 0) & (time <= self.time_s(len(self)))
-        camera = place.to_camera(flights.position_m[recorded].astype(np.float64))
-        row, column = place.project(camera[camera[:, 2] > LEAST_DEPTH_MM])
-        shown = (row >= 0) & (row < place.rows) & (column >= 0) & (column < place.columns)
-        landed = (life.over_s > 0) & (life.release_s + flights.end_s <= self.time_s(len(self)))
-        return bool(shown.any() or landed.any())
+        """All particles, drawn once."""
+        scene, generator = self.scene, np.random.default_rng([self.scene.seed, 0])
+        place, share_on = scene.geometry, scene.optics.share_on
+        if scene.labelled:
+            times, counts = [self.time_s(t) for t in LABELLED], dict(scene.labelled)
+            return feed_subset(counts, times, scene.roi, place, share_on, generator)
+        duration_s = scene.frames / scene.frame_rate_hz
+        release_s = handfuls(scene.count, scene.handful, duration_s, generator)
+        kind = scene.fraction, scene.pressure_bar, scene.level_lance
+        return feed_campaign(kind, release_s, place, share_on, generator)
 
     @cached_property
     def _bodies(self) -> Bodies:
-        return draw_bodies(self.life.table, self.scene.tumbling, self.scene.seed)
+        return draw_bodies(self.life.table, self.scene.seed)
+
+    @cached_property
+    def _looks(self) -> Looks:
+        fractions = self.life.table["fraction"].to_numpy(object)
+        return draw_looks(fractions, self.scene.optics, self.scene.seed)
 
     @cached_property
     def _background(self) -> Background:
         scene = self.scene
-        parts = (scene.geometry, scene.optics, scene.surroundings, scene.seed)
-        return Background(*parts, lance_elevation_deg=scene.flight.launch_elevation_deg)
+        return Background(scene.geometry, scene.optics, scene.surroundings, scene.seed)
 
     @cached_property
-    def _fires(self) -> Fires:
-        """What differs between flames."""
-        names = list(self.life.table["fraction"])
-        return self.scene.optics.light.fires(names, self.scene.seed)
-
-    def _look(self, moment: Moment, time_s: float) -> Look:
-        """Return how the particles of a moment shine."""
-        scene, fires = self.scene, self._fires
-        light, rows = scene.optics.light, moment.particle
-        luminosity, swelling = fires.flutter(rows, time_s, scene.optics.exposure_s)
-        from_lance = moment.position_m - scene.geometry.lance_m
-        tails = light.tails(moment.velocity_m_s, from_lance, scene.gas)
-        these = Fires._make(part[rows] for part in fires)
-        return Look(these, self.life.glowing(moment), luminosity, swelling, tails)
-
-    @cached_property
-    def _noise(self) -> npt.NDArray[np.float32]:
+    def _noise(self) -> Single:
         size = self.scene.geometry.rows * self.scene.geometry.columns + NOISE_SPARE
         generator = np.random.default_rng([self.scene.seed, 301])
         return generator.standard_normal(size, dtype=np.float32)
+
+    def prepare(self) -> None:
+        """Work out what does not change from frame to frame."""
+        _ = self.life, self._wall, self._background.solid_mm
 
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
@@ -181,7 +143,7 @@ class Twin:
         pixels, xyz = self._cloud(t, view)
         return Frame(t, self.time_s(t), gray, pixels, xyz, view.labels)
 
-    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+    def gray(self, t: int) -> Gray:
         """Return the grey values (rows, columns) of frame ``t`` alone.
 
         They are the same as the frame's own.
@@ -189,23 +151,22 @@ class Twin:
         check_position(t, len(self), self.scene.name)
         return self._exposed(t, self.view(t).picture)
 
-    def empty(self, t: int) -> npt.NDArray[np.float32]:
+    def empty(self, t: int) -> Single:
         """Return the picture (rows, columns) at frame ``t`` without particles or noise."""
         return self._background.at(self.time_s(t))
 
     def view(self, t: int) -> SceneView:
         """Return the picture before noise, and which particle covers which pixel of it."""
         place, optics, time = self.scene.geometry, self.scene.optics, self.time_s(t)
-        moment = self.life.at(time)
+        moment, background = self.life.at(time), self._background
         # leave out particles behind the camera, and those on the wall that do not burn
         in_front = place.to_camera(moment.position_m)[:, 2] > LEAST_DEPTH_MM
         moment = moment.take(in_front & (~moment.landed | moment.burning))
-        blobs = project(moment, self._bodies, place, optics, self._look(moment, time))
-        pixels, background = cover(blobs, place.rows, place.columns), self._background
-        picture, veil = background.veiled(time)
+        blobs = project(moment, self._bodies, self._looks, place, optics, time)
+        pixels, picture = cover(blobs, place.rows, place.columns), background.at(time)
         seen = blobs.depth_mm[pixels.blob] < background.solid_mm.take(pixels.place)
         pixels = Pixels._make(part[seen] for part in pixels)
-        marked, visible = paint(picture, blobs, pixels, optics, veil)
+        marked, visible = paint(picture, blobs, pixels, optics)
         order = np.argsort(moment.particle)
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
         moment = moment.take(of_blob)
@@ -219,7 +180,7 @@ class Twin:
         labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
         return SceneView(picture, moment, blobs, pixels, shown, visible, kinds, labels)
 
-    def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+    def _exposed(self, t: int, picture: Single) -> Gray:
         """Return the picture with noise as grey values; the shot noise of flames is in it."""
         optics, generator = self.scene.optics, self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
@@ -243,9 +204,7 @@ class Twin:
         shown = (view.blobs, view.pixels)
         return self._wall.look(view.picture, shown, error, view.labels, optics, generator)
 
-    def _cloud(
-        self, t: int, view: SceneView
-    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
         index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
         captured = self.scene.depth.captured(depth)
@@ -253,7 +212,7 @@ class Twin:
         xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
         return np.stack([row, column], axis=1).astype(np.int32), xyz
 
-    def particles_with_depth(self, t: int, view: SceneView) -> npt.NDArray[np.intp]:
+    def particles_with_depth(self, t: int, view: SceneView) -> Index:
         """Return the particles with at least one valid point in the view of frame ``t``."""
         has_point = np.zeros(view.labels.size, dtype=bool)
         has_point[self._sight(t, view).pixels] = True
@@ -263,13 +222,12 @@ class Twin:
     @cached_property
     def _error_sizes(self) -> Array:
         """Standard deviation of each particle's common error in mm, (n,)."""
-        sizes = self.life.table["fraction"].map(self.scene.depth.error_of)
+        sizes = self.life.table["fraction"].map(dict(self.scene.depth.particle_error_mm))
         return np.asarray(sizes.to_numpy(dtype=np.float64), dtype=np.float64)
 
     def particle_errors(self, t: int) -> Array:
         """Return the common error of every particle's depth in mm, (n,)."""
         sizes, generator = self._error_sizes, self._random(t, 3)
-        generator.random(len(sizes))  # not used: keeps the order of the draws
         return self.scene.depth.scale * sizes * generator.standard_normal(len(sizes))
 
 
@@ -291,11 +249,11 @@ def _with_shot_noise(picture: Any, noise: Any, gain: Any, read: Any, full: Any) 
 class SceneView(NamedTuple):
     """One frame before noise."""
 
-    picture: npt.NDArray[np.float32]
+    picture: Single
     moment: Moment  # in the order of the blobs
     blobs: Blobs
     pixels: Pixels
-    shown: npt.NDArray[np.bool_]  # of the pixels: labelled as a particle
-    visible: npt.NDArray[np.bool_]  # of the blobs: a person would mark it
-    kinds: npt.NDArray[np.uint8]  # of the blobs: label 2, 3 or 4
-    labels: npt.NDArray[np.uint8]
+    shown: Flags  # of the pixels: labelled as a particle
+    visible: Flags  # of the blobs: a person would mark it
+    kinds: Picture  # of the blobs: label 2, 3 or 4
+    labels: Picture

@@ -7,7 +7,6 @@ seen. Their distances are along the kiln from the lance.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,18 +14,14 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight.arrays import Array
 from kilnflight.camera import inside
 from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
-from kilnflight.twin.fitted import Kiln
-from kilnflight.twin.flight import ENDS, Flights, fly
-from kilnflight.twin.particles import find_fraction
+from kilnflight.twin.flights import BURNT_OUT, LANDED, Flights
 from kilnflight.twin.scene import Twin
 
-Array = npt.NDArray[np.float64]
-
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
-NO_DWELL = [ENDS.index(end) for end in ("left the kiln", "still flying")]
 
 
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
@@ -43,15 +38,13 @@ def particles(twin: Twin) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns of `kilnflight.twin.life.live`, and ``crossing_1m_s`` ... ``crossing_5m_s``:
+        The columns of `kilnflight.twin.life.Life`, and ``crossing_1m_s`` ... ``crossing_5m_s``:
         when the particle first was that far from the lance along the kiln, in s from its
         release; NaN if never.
     """
     table = twin.life.table.copy()
-    for metre in METRES:
-        times = crossing_times(twin.life.flights, float(metre), twin.scene.geometry.lance_m[0])
-        table[f"crossing_{metre}m_s"] = times
-    return table
+    crossed = twin.life.flights.crossings()
+    return table.assign(**{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(METRES)})
 
 
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
@@ -116,7 +109,8 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
         person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
         `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
         ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available");
-        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ... in camera coordinates.
+        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
+        coordinates.
     """
     view = twin.view(t)
     moment, geometry = view.moment, twin.scene.geometry
@@ -145,72 +139,27 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     )
 
 
-def released(name: str, pressure_bar: float, kiln: Kiln, count: int, seed: int) -> Flights:
-    """Return the flights of particles of a fraction that are launched at once.
-
-    Parameters
-    ----------
-    name
-        Name of the fraction.
-    pressure_bar
-        Pressure of the lance's air.
-    kiln
-        Settings of the flight, gas (at any pressure) and geometry.
-    count
-        Number of particles.
-    seed
-        The same seed gives the same particles for all inputs.
-    """
-    kind = find_fraction(name)
-    at_pressure = replace(kiln.gas, pressure_bar=pressure_bar)
-    drawn = kind.draw(count, np.random.default_rng([seed, 1]))
-    generator = np.random.default_rng([seed, 2])
-    return fly(drawn, at_pressure, kiln.geometry, generator, kiln.flight).cut()
-
-
-def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:
-    """Return when each particle first was that far from the lance, in s, (n,).
-
-    NaN means never.
-    """
-    way = flights.position_m[:, :, 0] - lance_s_m
-    beyond = way >= distance_m
-    after = np.argmax(beyond, axis=1) if way.shape[1] else np.zeros(len(way), dtype=np.intp)
-    rows = np.flatnonzero(beyond.any(axis=1) & (after > 0))
-    high, low = way[rows, after[rows]], way[rows, after[rows] - 1]
-    share = (distance_m - low) / (high - low)
-    age = flights.age_s
-    times = np.full(len(way), np.nan)
-    times[rows] = age[after[rows] - 1] + share * (age[after[rows]] - age[after[rows] - 1])
-    return times
-
-
 def metre_velocities(flights: Flights) -> Array:
-    """Return each particle's mean velocity within each metre in m/s, (n, 5).
-
-    Eq. 5.8 of the thesis.
+    """Return each particle's mean velocity within each metre in m/s, (n, 5) (Eq. 5.8).
 
     NaN where a particle did not pass the whole metre.
     """
-    crossed = [crossing_times(flights, float(metre)) for metre in METRES]
-    times = np.stack([np.zeros(len(flights.end)), *crossed], axis=1)
-    return 1.0 / np.diff(times, axis=1)
-
-
-def dwell_times(flights: Flights) -> Array:
-    """Return dwell times in s: from the lance to landing or burning out (sec. 5.3.1).
-
-    Particles that leave the kiln or still fly have none and are left out.
-    """
-    return flights.end_s[~np.isin(flights.end, NO_DWELL)]
+    crossed = flights.crossings()
+    return 1.0 / np.diff(crossed, axis=1, prepend=np.zeros((len(crossed), 1)))
 
 
 def true_flight_values(flights: Flights) -> FlightValues:
     """Return the true values of the flights, particle by particle.
 
-    What leaves the kiln or still flies is lost at the end of its flight.
+    A dwell time ends by landing or burning out (sec. 5.3.1). What leaves the kiln or still flies
+    has none: it is lost at the end of its flight.
     """
-    reached, lost = flights.end_position_m[:, 0], flights.end_s[np.isin(flights.end, NO_DWELL)]
+    complete = np.isin(flights.end, (LANDED, BURNT_OUT))
     return FlightValues(
-        dwell_times(flights), metre_velocities(flights), flights.ignition_s, reached, lost
+        flights.end_s[complete],
+        metre_velocities(flights),
+        flights.ignition_s,
+        flights.along(flights.end_s),
+        flights.end_s[~complete],
+        ~complete,
     )

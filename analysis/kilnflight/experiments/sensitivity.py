@@ -1,0 +1,69 @@
+"""What the methods' results change by if an unpublished input of the simulation changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.detection import DoG
+from kilnflight.detection.combination import Combination
+from kilnflight.experiments import campaigns, detection
+from kilnflight.experiments.accuracy import compare_campaigns, errors
+from kilnflight.experiments.flights import PAPERS
+from kilnflight.experiments.tracking_scores import GATE_PX
+from kilnflight.scores import score_tracks
+from kilnflight.tracklets import tracked
+
+# Input, how it changes, and the scenario of `kilnflight.twin.scenes`, one at a time
+CHANGES: dict[str, tuple[str, str]] = {
+    "base": ("none", ""),
+    "even-particles": ("spread of unlit levels", "halved"),
+    "uneven-particles": ("spread of unlit levels", "doubled"),
+    "scattered-depth": ("errors of depth", "times 1.5"),
+    "dense-feed": ("feed", "doubled, in handfuls of 12"),
+    "low-camera": ("height of the axis over the camera", "700 mm"),
+    "level-lance": ("velocity upwards at the lance", "none"),
+    "steady-flames": ("flutter of flames", "none"),
+}
+
+
+def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]:
+    """Return five results of the methods in one scenario.
+
+    ``f1`` of SIFT with DBSCAN on labelled frames; ``alpha`` of tracks by GNN with post-processing,
+    mean over campaigns; ``dwell_bias_s`` and ``velocity_bias_m_s`` of the first metre, medians of
+    measured minus true; ``false_ignitions_percent`` of papers that do not ignite.
+    """
+    settings = campaigns.settings_from_labels(scale, seed, scenario)
+    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
+    roi, detector = subsets[0].recording.attributes.roi, Combination(DoG(settings.threshold))
+    methods = {"": lambda view: detector(view, roi, 0)[["row", "col"]].to_numpy()}
+    found = detection.sum_counts(detection.run(subsets, methods), ["method"])
+    results = campaigns.results(scale, seed, jobs, scenario)
+    alphas = []
+    for campaign in results.campaigns:
+        tracks = tracked(campaigns.of_campaign(results.tables.tracks, campaign.key))
+        true = campaigns.true_positions(campaign)
+        alphas += [score_tracks(true, tracks, GATE_PX).alpha] if len(true) else []
+    both = compare_campaigns(results)
+    error, papers = errors(both, seed), errors(both[both["fraction"].isin(PAPERS)], seed)
+    return {
+        "f1": float(found["f1"].iloc[0]),
+        "alpha": float(np.mean(alphas)) if alphas else np.nan,
+        "dwell_bias_s": error["dwell_s_bias"],
+        "velocity_bias_m_s": error["velocity_m_s_bias"],
+        "false_ignitions_percent": 100 * papers["unlit_detected"] / max(papers["unlit"], 1.0),
+    }
+
+
+def sensitivity(scale: str, seed: int, jobs: int, scenarios: Iterable[str]) -> pd.DataFrame:
+    """Return `watched` of scenarios, and of the base with a second seed: the size of chance."""
+    rows = [
+        dict(zip(("input", "change"), CHANGES[each], strict=True))
+        | watched(scale, each, seed, jobs)
+        for each in scenarios
+    ]
+    again = {"input": "seed", "change": "a second one"} | watched(scale, "base", seed + 1, jobs)
+    return pd.DataFrame([*rows, again])

@@ -1,0 +1,130 @@
+"""Kiln, lance and camera: where things are, and where they are seen.
+
+Camera coordinates are millimetres: x to the right, y up, z away from the camera. Kiln coordinates
+are metres: s from the lance along the axis towards the camera, y to the side, z up, both from the
+kiln's axis. Row 0, column 0 is the centre of the upper left pixel.
+
+The thesis publishes the fitted cylinder (Table 5.12) and the pixel of the lance's outlet (Fig.
+5.11). It publishes neither the pose of the camera nor the depth of the lance. Both are constants
+here, set once by Tables 5.3, 5.12 and 5.18 and Figs 3.11 and 5.11; lengths of Table 5.12 are taken
+as 1.111 times the true ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.arrays import Array
+from kilnflight.checks import InputError
+
+FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
+
+
+def unit_vectors(vectors: Array) -> Array:
+    """Return vectors (..., 3) scaled to length 1; a zero vector stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Kiln, lance and camera."""
+
+    kiln_radius_mm: float = 700.0  # inner diameter 1.4 m (sec. 2.1.1)
+    kiln_length_mm: float = 8400.0  # sec. 2.1.1
+    inlet_depth_mm: float = 9035.0  # Table 5.12 over the scale of lengths
+    axis_far_mm: tuple[float, float, float] = (66.8, 445.5, 8332.8)  # a point of the axis, likewise
+    axis_height_mm: float = 617.7  # of the axis over the camera at depth 0; bounded: 0 to 745 mm
+    lance_depth_mm: float = 5856.0  # bounded by RMSE and MAPE of Table 5.18
+    lance_pixel: tuple[float, float] = (483.8, 936.3)  # row, column (Fig. 5.11)
+    rows: int = 1536  # sec. 2.1.4
+    columns: int = 2048  # sec. 2.1.4
+    # 85 mm lens (sec. 2.1.4) over 11 um: two sensor pixels of 5.5 um each (R12 data sheet).
+    focal_length_px: float = 85.0 / 0.011
+
+    def __post_init__(self) -> None:
+        radius_mm = 1000.0 * float(np.hypot(*self.lance_m[1:]))
+        if radius_mm >= self.kiln_radius_mm or not self.inlet_m <= 0.0 <= self.outlet_m:
+            raise InputError(f"geometry: the lance, {radius_mm:.0f} mm off the axis, is outside.")
+
+    @cached_property
+    def lance_mm(self) -> Array:
+        """The lance exit in camera coordinates, (3,)."""
+        return self.unproject(*self.lance_pixel, self.lance_depth_mm)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Kiln axes s, y, z as rows of unit vectors in camera coordinates, (3, 3)."""
+        far = np.array(self.axis_far_mm)
+        towards_camera = np.array([0.0, self.axis_height_mm, 0.0]) - far
+        s = towards_camera / np.linalg.norm(towards_camera)
+        up = np.array([0.0, 1.0, 0.0]) - s[1] * s
+        up /= np.linalg.norm(up)
+        return np.stack([s, np.cross(up, -s), up])
+
+    @cached_property
+    def origin_mm(self) -> Array:
+        """The point of the axis beside the lance exit, in camera coordinates, (3,)."""
+        far = np.array(self.axis_far_mm)
+        return far + self.axes[0] * ((self.lance_mm - far) @ self.axes[0])
+
+    @property
+    def lance_m(self) -> Array:
+        """The lance exit in kiln coordinates, (3,)."""
+        return self.to_kiln(self.lance_mm)
+
+    @property
+    def inlet_m(self) -> float:
+        """Coordinate s of the inlet plate (negative: behind the lance exit)."""
+        return float((self.lance_depth_mm - self.inlet_depth_mm) / 1000.0)
+
+    @property
+    def outlet_m(self) -> float:
+        """Coordinate s of the outlet."""
+        return self.inlet_m + self.kiln_length_mm / 1000.0
+
+    def to_camera(self, position_m: Array) -> Array:
+        """Return camera coordinates (..., 3) in mm of kiln coordinates (..., 3) in m."""
+        return self.origin_mm + 1000.0 * (position_m @ self.axes)
+
+    def to_kiln(self, position_mm: Array) -> Array:
+        """Return kiln coordinates (..., 3) in m of camera coordinates (..., 3) in mm."""
+        return (np.asarray(position_mm) - self.origin_mm) @ self.axes.T / 1000.0
+
+    def project(self, position_mm: Array) -> tuple[Array, Array]:
+        """Return row and column of camera coordinates (..., 3); depth must be positive."""
+        scale = self.focal_length_px / position_mm[..., 2]
+        row = (self.rows - 1) / 2 - position_mm[..., 1] * scale
+        column = (self.columns - 1) / 2 + position_mm[..., 0] * scale
+        return row, column
+
+    def unproject(
+        self, row: npt.ArrayLike, column: npt.ArrayLike, depth_mm: npt.ArrayLike
+    ) -> Array:
+        """Return camera coordinates (..., 3) of pixels at a depth in mm."""
+        depth = np.asarray(depth_mm, dtype=np.float64)
+        x = (np.asarray(column) - (self.columns - 1) / 2) * depth / self.focal_length_px
+        y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
+        points = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
+        points[..., 0], points[..., 1], points[..., 2] = x, y, depth
+        return points
+
+    def wall_depth(self, row: Array, column: Array) -> Array:
+        """Return the depth in mm at which a pixel's ray meets wall or inlet plate.
+
+        The ray starts at the camera; of its two intersections with the cylinder the far
+        one is the wall that is seen. Rays that leave the cylinder behind the inlet end at
+        the plate.
+        """
+        ray = self.unproject(row, column, np.ones(np.broadcast(row, column).shape))
+        local = ray @ self.axes.T
+        start = -self.origin_mm @ self.axes.T
+        a = (local[..., 1:] ** 2).sum(axis=-1)
+        b = (local[..., 1:] * start[1:]).sum(axis=-1)
+        c = (start[1:] ** 2).sum() - self.kiln_radius_mm**2
+        wall = (-b + np.sqrt(np.maximum(b**2 - a * c, 0.0))) / np.maximum(a, 1e-12)
+        plate = (1000.0 * self.inlet_m - start[0]) / local[..., 0]
+        return np.minimum(wall, plate)
