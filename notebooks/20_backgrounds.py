@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Background subtraction: median, mean and adaptive learning are equally good
+# # Background subtraction: median and mean are equal if differences stop at zero
 #
 # **The work.** The thesis (sections 2.2.1 and 5.1.2) subtracts six backgrounds from 50 labelled
 # frames, each with its best values (Table 5.4). SIFT then detects particles. The temporal median

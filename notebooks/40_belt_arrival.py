@@ -11,7 +11,7 @@
 #
 # **One number.** Largest mean velocity of particles: below 1.5 m/s printed, 1.43 m/s here.
 #
-# **What disagrees.** For spheres, constant velocity without its bias (CVBC) is better than IA. For
+# **What disagrees.** Predicted from the start of the phase, spheres fit CVBC better than IA. For
 # cylinders, constant acceleration (CA) is better than CVBC.
 
 # %% tags=["hide-input"]
@@ -235,6 +235,6 @@ verdicts = [
 
 # %%
 least, most = (mae[name].max() for name in ("IA", "IV"))
-result = f"Arrivals are predicted to {least:.2f} ms on average with one acceleration for all "
-result += f"particles, to {most:.2f} ms with one velocity."
+result = f"Mean errors of the arrival are at most {least:.2f} ms with one acceleration for all "
+result += f"particles of a material (IA), {most:.2f} ms with one velocity (IV)."
 figures.conclude(result, verdicts if files else [], origin)

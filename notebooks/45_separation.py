@@ -10,8 +10,8 @@
 # **One number.** Lateral error of most spheres from pictures, here over 150 mm instead of 100 mm:
 # 1.5 mm printed, 1.48 mm here.
 #
-# **What disagrees.** With this error constant velocity hits 88 % of the spheres, by jets of 5.6 mm
-# and 5 ms. Whether that is "reliable" is open; no claim is tested.
+# **What disagrees.** With this error, constant velocity without its bias hits 88 % of the spheres,
+# by jets of 5.6 mm and 5 ms. Whether that is "reliable" is open; no claim is tested.
 
 # %% tags=["hide-input"]
 from dataclasses import replace

@@ -10,7 +10,8 @@
 #
 # **One number.** Median R2 in depth of paper shreds: 0.55 printed, 0.53 here.
 #
-# **What disagrees.** Nothing that is tested here.
+# **What disagrees.** A third of the trajectories is impossible and rejected. Order 7 still lowers
+# the RMSE by 9 % in x and 5 % in y.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Simulated flights: five of eight measured distributions agree with the simulated ones
+# # Simulated flights: three of eight measured distributions differ from the simulated ones
 #
 # **The work.** The thesis compares measured dwell times and velocities at 5 bar with CFD
 # simulations of another group (A.2, Figs A.5 to A.7) and finds "a satisfactory agreement". But
