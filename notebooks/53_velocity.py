@@ -121,8 +121,8 @@ table = flights.recovery(results.measured, results.true, "velocity|remaining", g
 caption = (
     "Median velocity in depth within each metre, and shares that pass it: printed, put in, true in "
     "the recordings and measured; measured minus true with its 95 % interval (bootstrap, Wilson). "
-    f"{(table['verdict'] == 'recovered').sum()} of {len(table)} are recovered. A share stays as it "
-    "is where no followed flight is left."
+    f"{(table['verdict'] == 'recovered').sum()} of {len(table)} are recovered. Beyond the farthest "
+    "flight a share is not known if that flight was lost."
 )
 figures.save("velocity-recovery", table.round(3), caption=caption, provenance=origin)
 

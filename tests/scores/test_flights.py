@@ -33,6 +33,8 @@ def test_a_lost_flight_is_censored():
     np.testing.assert_allclose(share, [75, 75, 75, 0, 0])
     assert counted.tolist() == [4, 3, 3, 3, 3]
     np.testing.assert_allclose(remaining(four)[0], [75, 50, 50, 0, 0])
+    share = remaining(four._replace(lost=np.array([*[False] * 2, True, False])))[0]
+    np.testing.assert_allclose(share, [75, 50, 50, np.nan, np.nan])  # the farthest is lost
     assert np.isnan(remaining(EMPTY)[0]).all()
 
 

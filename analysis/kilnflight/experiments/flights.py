@@ -40,7 +40,7 @@ Values = Mapping[CampaignKey, FlightValues]
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 LEAST_FLIGHTS = 6  # in each campaign; claims are open with fewer
 TOLERANCE = 0.1  # of a median of times or velocities; set before any flight was measured
-SHARE_POINTS = 5.0  # per cent points of a share; likewise
+SHARE_POINTS = 5.0  # percentage points of a share; likewise
 PUT_IN = 4000  # particles of a run whose flights show what was put in
 VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
 # Measures of a fit by axis, and their columns in Table 5.18.
@@ -109,7 +109,7 @@ def interval_of(values: FlightValues, outcome: str, generator: np.random.Generat
         counted = len(finite(values.ignition_s))
     if outcome.startswith("remaining"):  # flights lost before the metre do not count
         counted = int(remaining(values)[1][METRES.index(int(outcome.split()[1]))])
-    if "%" not in outcome or not counted:
+    if "%" not in outcome or not counted or np.isnan(percent):
         return Interval(percent, -np.inf, np.inf, (counted,))
     share = intervals.share(round(percent / 100 * counted), counted)
     low, high = min(100 * share.low, percent), max(100 * share.high, percent)

@@ -43,7 +43,8 @@ def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
     Returns
     -------
     share : array (5,)
-        Per cent, by metre of `METRES`; NaN without particles.
+        Per cent, by metre of `METRES`; NaN without particles, and beyond the farthest flight if
+        that one was lost: nobody knows how many of its kind go on.
     counted : array (5,)
         Particles that were not lost before that metre.
     """
@@ -55,7 +56,9 @@ def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
     if not len(far):
         return np.full(len(marks), np.nan), counted
     curve = stats.ecdf(stats.CensoredData(uncensored=far[~lost], right=far[lost])).sf
-    return 100.0 * np.asarray(curve.evaluate(marks)), counted
+    share = 100.0 * np.asarray(curve.evaluate(marks))
+    share[(marks > far.max()) & (share > 0.0)] = np.nan
+    return share, counted
 
 
 def quartiles(values: Array) -> Array:
@@ -110,8 +113,9 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
 def ignition_histogram(ignition_s: Array, width_s: float = 0.1, bins: int = 8) -> pd.DataFrame:
     """Return the share of particles that ignite in each bin of time (Figs 5.25, 5.26).
 
-    A time on the edge of two bins belongs to the earlier. The last bin holds all later ignitions,
-    the first one those before the fitted time at the lance, which may be too late.
+    A time on the edge of two bins belongs to the earlier. The last bin holds all later ignitions.
+    The first one holds those before the fitted time at the lance, too: a fit does not know the
+    first detections if they have no depth.
 
     Parameters
     ----------
