@@ -178,10 +178,10 @@ figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance
 picture = plots.draw_velocity_boxes(sources, list(simulated))
 tables = {name: campaigns.outcome_table(values) for name, values in sources.items()}
 data = pd.concat(tables, names=["source"]).reset_index("source")
+data = data.filter(regex="^(source|fraction|pressure|particles|velocity|remaining|spread)")
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
-    "that passed it; after the right part of Fig. A.7. In the table the measured ignition of chips "
-    "and granules is a false alarm (notebook 54)."
+    "that passed it; after the right part of Fig. A.7."
 )
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
