@@ -12,7 +12,7 @@
 # printed, 11.4 m/s here. (Notebook 10 has the true one.)
 #
 # **What disagrees.** Changes from 4.5 to 5 bar are smaller than the error. Shares of chips and
-# granules at 4 and 5 m are off by 13 to 63 points, as few flights are followed so far.
+# granules at 4 m are off by 13 to 49 points, as few flights are followed so far.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
