@@ -7,6 +7,7 @@ SHELL := /bin/bash
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
 #:   JOBS=2                                notebooks side by side (up to 3 GB each)
+#:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
 #:   KILNFLIGHT_RECORDINGS=folder          belt recordings, instead of the authors'
@@ -33,13 +34,17 @@ SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/ref
 # Scales never mix: figures/ holds what make full made.
 FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/$(OUT)/figures))
 $(NOTEBOOKS) site/index.html: export KILNFLIGHT_FIGURES := $(FIGURES)
+film: export KILNFLIGHT_FIGURES := $(CURDIR)/build/film/figures
 
-.PHONY: all quick standard full setup data test check bench clean help FORCE
+.PHONY: all quick standard full film setup data test check bench dist clean help FORCE
 all: site/index.html
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; figures are in $(or $(FIGURES),figures/)"
 quick standard full: ## little input; less input (the default); all of it, into figures/, and the README
 	@$(MAKE) SCALE=$@ all
 	@$(if $(filter full,$@),$(RUN) docs/generate.py --readme)
+film: $(VENV)/installed ## the notebook of one film of yours, into build/film: make film RECORDING=path
+	@$(RUN) -m kilnflight.project.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"
+	@$(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data && mkdir -p build && touch build/external.txt
@@ -52,8 +57,10 @@ check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that f
 	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)
 bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
 	@$(RUN) benchmarks/run.py
+dist: $(VENV)/installed ## build wheel and source archive, into dist/
+	@rm -rf dist build/lib && $(RUN) -c "from setuptools import build_meta as b; b.build_sdist('dist'), b.build_wheel('dist')" > /dev/null
 clean: ## remove what make has made, but neither figures/ nor the fetched data
-	rm -rf build site data/derived $(VENV) .*_cache .hypothesis analysis/*.egg-info
+	rm -rf build dist site data/derived $(VENV) .*_cache .hypothesis analysis/*.egg-info
 	find . -name __pycache__ -prune -exec rm -rf {} +
 help: ## list the targets and settings
 	@sed -nE 's/^([a-z][a-z ]*):[^#=]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 28

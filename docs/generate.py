@@ -175,12 +175,22 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     return sorted({each["scale"] for each in known.values()} - {"full"})
 
 
+def write_page(executed: Path, pages: Path, small: Path) -> list[str]:
+    """Write the source of a site of one notebook, as `write_pages` does for all."""
+    pages.mkdir()
+    small.mkdir()
+    (path,) = executed.glob("[0-9][0-9]_*.ipynb")
+    nbformat.write(page(path, saved()), pages / "index.ipynb")
+    return []
+
+
 def build(executed: Path, site: Path) -> None:
     """Build the site under another name; it takes its place when it is whole."""
-    pages, small, fresh = (executed / name for name in ("pages", "thumbnails", "site"))
+    pages, small, fresh = (executed / name for name in ("pages", "thumbnails", "fresh"))
     for folder in (pages, small, fresh):
         shutil.rmtree(folder, ignore_errors=True)
-    scales = write_pages(executed, pages, small)
+    whole = (executed / "00_claims.ipynb").is_file()
+    scales = (write_pages if whole else write_page)(executed, pages, small)
     told = f"A reduced run (scale {' and '.join(scales)}): little input, other numbers. Cite from "
     banner = f"html_theme_options.announcement={told + 'make full only.' if scales else ''}"
     options = ["-q", "-W", "--keep-going", "--no-color", "-j", "auto", "-D", banner, "-c", DOCS]

@@ -19,12 +19,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
-from numpy.polynomial import Polynomial
 
 from kilnflight.project import data, style
 from kilnflight.project.cache import locked
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
+from kilnflight.regression import Fit
 from kilnflight.tables import BELT_TRACKS
 from kilnflight.twin import scenes
 
@@ -252,30 +252,12 @@ def same_frame():
     return same
 
 
-@dataclass(frozen=True)
-class Polynomials:
-    """A fitted trajectory whose polynomials are known: a stand-in for the regression's."""
-
-    coefficients: tuple
-    t0: float = 0.0
-    first_s: float = 0.02
-    last_s: float = 0.4
-    exit_point_mm: tuple = (0.0, 0.0, 6500.0)
-    t0_at_bound: int = 0
-
-    def __call__(self, t):
-        return np.asarray(self.exit_point_mm) + self._values(t, derivative=0)
-
-    def velocity(self, t):
-        return self._values(t, derivative=1)
-
-    def _values(self, t, derivative):
-        age = np.asarray(t, dtype=np.float64) - self.t0
-        axes = [Polynomial([0.0, *factors]).deriv(derivative) for factors in self.coefficients]
-        return np.stack([axis(age) for axis in axes], axis=-1)
-
-
 @pytest.fixture(scope="session")
-def polynomials() -> type[Polynomials]:
-    """The class of a fitted trajectory with given coefficients."""
-    return Polynomials
+def polynomials():
+    """A function that gives a fitted trajectory of given coefficients."""
+
+    def fit(coefficients, t0=0.0, first_s=0.02, last_s=0.4):
+        outlet, orders = (0.0, 0.0, 6500.0), (2, 2, 2)
+        return Fit(outlet, t0, 0, (t0, t0), orders, coefficients, first_s, last_s, points=80)
+
+    return fit

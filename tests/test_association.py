@@ -10,7 +10,6 @@ from hypothesis.extra.numpy import arrays
 from tests.definitions.joint_events import joint_events
 
 from kilnflight.association import ASSOCIATORS, GNN, JPDA, PDA, NearestNeighbor, assign
-from kilnflight.checks import InputError
 from kilnflight.tracking.filter import Detected, Gate
 
 every = pytest.mark.parametrize("associator", ASSOCIATORS, ids=lambda a: type(a).__name__)
@@ -57,20 +56,6 @@ def test_weights_and_their_independence_of_the_order(associator, seed):
     )
     expected = weights[rows][:, np.concatenate([[0], 1 + columns])]
     np.testing.assert_allclose(associator(mixed), expected, rtol=1e-9, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "bad"),
-    [
-        *((kind, "size_weight", (-1.0, np.nan, "a")) for kind in (NearestNeighbor, JPDA)),
-        (GNN, "nonassignment_cost", (np.inf, "a", None)),
-        (PDA, "detection_probability", (0.0, 1.0, np.nan, "0.9")),
-    ],
-)
-def test_bad_input_names_the_argument(kind, name, bad):
-    for value in bad:
-        with pytest.raises(InputError, match=name):
-            kind(**{name: value})
 
 
 def test_situations_of_figs_2_20_and_2_21():

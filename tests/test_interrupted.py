@@ -50,7 +50,7 @@ def expected(command, tmp_path_factory):
     folder, patch = tmp_path_factory.mktemp("whole"), pytest.MonkeyPatch()
     with patch.context() as patched:
         patched.setattr(kiln, "CHUNK_FRAMES", 8)
-        assert main(command(folder)) == 0
+        main(command(folder))
     return contents(folder)
 
 
@@ -60,7 +60,7 @@ def test_a_killed_run_continues_and_ends_in_the_same_bytes(command, expected, tm
     (made,) = tmp_path.glob("parts/detections-*.parquet")
     assert list(tmp_path.glob("parts/.detections-*.part"))
     before = made.stat().st_mtime_ns
-    assert main(command(tmp_path)) == 0
+    main(command(tmp_path))
     assert made.stat().st_mtime_ns == before
     assert contents(tmp_path) == expected
 
@@ -73,16 +73,17 @@ def test_two_processes_write_the_same_bytes(command, expected, tmp_path):
 
 
 def test_a_damaged_table_is_named(command, expected, tmp_path, capsys):
-    assert main(command(tmp_path)) == 0
+    main(command(tmp_path))
     (tracks,) = tmp_path.glob("parts/tracks-*.parquet")
     tracks.write_bytes(b"PAR1")
     capsys.readouterr()
-    assert main(command(tmp_path)) == 1
+    with pytest.raises(SystemExit, match="2"):
+        main(command(tmp_path))
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tracks) in line
     assert "Delete it" in line
     tracks.unlink()
-    assert main(command(tmp_path)) == 0
+    main(command(tmp_path))
     assert contents(tmp_path) == expected
 
 
@@ -97,11 +98,12 @@ def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, cap
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        assert main(command(tmp_path)) == 1
+        with pytest.raises(SystemExit, match="2"):
+            main(command(tmp_path))
     (line,) = capsys.readouterr().err.splitlines()
     assert "No space left on device" in line
     assert "make room" in line
     assert not list(tmp_path.rglob("*.part"))
     assert not list(tmp_path.rglob("flights*.parquet"))
-    assert main(command(tmp_path)) == 0
+    main(command(tmp_path))
     assert contents(tmp_path) == expected

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import tifffile
+from tests.definitions import films
 
 from kilnflight.__main__ import main
 from kilnflight.sorter.bulk import BULKS
@@ -37,11 +38,7 @@ def test_the_example_imports_and_calls_what_is_there():
 @pytest.fixture
 def film(tmp_path, monkeypatch):
     """Write a film of three spots that cross 12 frames, as one TIFF and as files, and be there."""
-    row, col = np.mgrid[:64, :96]
-    frames = np.random.default_rng(0).normal(1000, 20, (12, 64, 96))
-    for t, first in ((t, first) for t in range(12) for first in (12, 32, 52)):
-        frames[t] += 800 * np.exp(-((row - first) ** 2 + (col - 12 - 5 * t) ** 2) / 12)
-    frames = frames.astype(np.uint16)
+    frames, _ = films.film(frames=12, cells=(1, 3), pitch=30, drift=(0.0, 1.0), dtype=np.uint16)
     monkeypatch.chdir(tmp_path)
     tifffile.imwrite("film.tif", frames, photometric="minisblack")
     for t, frame in enumerate(frames):
@@ -52,17 +49,20 @@ def film(tmp_path, monkeypatch):
 
 def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
     text = (PROJECT / "docs" / "own_recording.md").read_text()
-    names = {}
-    exec(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], names)
+    first, *others = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    exec(first, names := {})
     assert names["tracks"]["particle"].max() == 2
-    assert Path("tracks.png").is_file()
-    names["detections"].to_csv("detections.csv")
+    assert all(Path(f"{name}.png").is_file() for name in ("preview", "tracks"))
+    names["tracks"].to_csv("labels.csv")
+    (scores,) = (block for block in others if "labels.csv" in block)
+    exec(scores, names)
+    assert names["score"].alpha == names["scores"][0].f1 == 1
     commands = re.findall(r"^[ `]*\.venv/bin/kilnflight ([^`#\n]+)", text, re.MULTILINE)
-    steps = [shlex.split(command) for command in commands if "--help" not in command]
-    assert [step[0] for step in steps] == ["import", "info", "run", "track"]
-    assert [main(step) for step in steps] == [0, 0, 0, 0]
-    assert Path("chips", "report.html").is_file()
-    assert pd.read_csv("tracks.csv")["particle"].max() == 2
+    steps = [shlex.split(command) for command in commands if "ADDRESS" not in command]
+    assert [step[0] for step in steps] == ["preview", "run", "track", "import", "info", "run"]
+    assert not any(main(step) for step in steps)
+    assert all(Path(name).is_file() for name in ("results/tracks.png", "chips/tracks.csv"))
+    assert pd.read_csv("tracks.csv", skiprows=[1, 2, 3])["TRACK_ID"].max() == 2
 
 
 def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
@@ -77,10 +77,11 @@ def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text, names = (PROJECT / "docs" / "own_recording.md").read_text(), {}
     for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
-        if "sorter" in block or "belt.npy" in block:
+        if "belt import" in block or "sorter" in block:
             exec(block, names)
     gc.unfreeze()
     printed = capsys.readouterr().out
+    assert "1203 mm/s" in printed
     assert "0 commands were late, 0 too late" in printed
     commands = len(re.findall(r"valve \d+: open", printed))
     rest = names["schedule"].step(30 * 0.005, 1.0, BELT_PREDICTED.empty())

@@ -42,12 +42,13 @@ project          figures, claims, notebooks, cache, processes; no physics
 import importlib
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 NAMES = {"open": "open_any", "track": "track_detections"}  # in `kilnflight.run`
 
 
 def __getattr__(name: str) -> Any:
     """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
-    if name in ("detect", "open", "plot_tracks", "track"):
-        return getattr(importlib.import_module("kilnflight.run"), NAMES.get(name, name))
+    if name in ("detect", "open", "plot_tracks", "preview", "run", "track"):
+        room = importlib.import_module("kilnflight.run")
+        return room if name == "run" else getattr(room, NAMES.get(name, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

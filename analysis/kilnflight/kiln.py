@@ -29,7 +29,7 @@ from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
-from kilnflight.detection.combination import Combination, View, mean_gray
+from kilnflight.detection.combination import Combination, Planar, View, mean_gray
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
 from kilnflight.detection.wall import Cylinder, InAir
@@ -39,12 +39,14 @@ from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Frame, Recording
 from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
-from kilnflight.tracking.tracker import track
+from kilnflight.tracking.filter import ConstantVelocity, Motion
+from kilnflight.tracking.tracker import Management, track
 from kilnflight.tracklets import Cutting, postprocess, tracked
 
 CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
 EMPTY_FRAMES = 21  # whose median is the kiln without particles; ours
 KILN_STEPS = ("tracks", "trajectories", "flights", "slices")  # tables after the detections
+TRACKED_BY = ("wall", "in_air", "tracker", "motion", "management", "post_processing", "cutting")
 Vector = tuple[float, float, float]  # x, y, z in mm
 
 
@@ -127,13 +129,13 @@ def views(
             foreground[flame] = 0  # in place: each model returns a new array
             keep = ~flame[tuple(pixels.T)]
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
-        yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth)
+        yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth, frame.index)
 
 
 def detect_frames(
     recording: Recording,
     frames: Sequence[int],
-    detector: Combination | None = None,
+    detector: Combination | Planar | None = None,
     background: BackgroundModel | None = None,
     progress: bool = False,
 ) -> pd.DataFrame:
@@ -158,7 +160,8 @@ def detect_frames(
     detector, roi = detector or Combination(), recording.attributes.roi
     seen, hidden = views(recording, frames, background), None if progress else True
     bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
-    parts = [detector(view, roi, frame=t) for t, view in bar]
+    first = recording.frame(0).index  # a gap in the numbers is a gap in time
+    parts = [detector(view, roi, frame=view.number - first) for _, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
@@ -183,7 +186,7 @@ class DetectionRun:
     source: Source
     start: int
     stop: int
-    detector: Combination
+    detector: Combination | Planar
     background: BackgroundModel = field(default_factory=Median)
     chunk: int = CHUNK_FRAMES
     folder: Path = field(default_factory=lambda: paths.derived().absolute())
@@ -227,8 +230,10 @@ class KilnRun:
         The kiln; None: no detection counts as on the wall, and there are no flights.
     in_air
         Selects the detections in the air.
-    tracker, cutting, regression
+    tracker, motion, management, cutting, regression
         Parameters of tracking, of splitting tracks at impossible steps, and of the fits.
+    post_processing
+        Whether tracklets are joined and filtered (chapter 4.2), and split.
     rules
         Criteria of flights.
     """
@@ -238,6 +243,9 @@ class KilnRun:
     wall: Cylinder | None = None
     in_air: InAir = field(default_factory=InAir)
     tracker: GNN = field(default_factory=GNN)
+    motion: Motion = field(default_factory=ConstantVelocity)
+    management: Management = field(default_factory=Management)
+    post_processing: bool = True
     cutting: Cutting = field(default_factory=Cutting)
     regression: Regression = field(default_factory=Regression)
     rules: flight.Rules = field(default_factory=flight.Rules)
@@ -269,7 +277,7 @@ class KilnRun:
         table: CachedTable = getattr(self, what)
         return table
 
-    @cached("detected", "wall", "in_air", "tracker", "cutting")
+    @cached("detected", *TRACKED_BY)
     def tracks(self) -> pd.DataFrame:
         """Post-processed tracks of the detections in the air, split at impossible steps.
 
@@ -280,7 +288,8 @@ class KilnRun:
         if self.wall is not None:
             on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
             table = table[~on_wall].reset_index(drop=True)
-        return self.cutting(postprocess(track(table, self.tracker)), self.frame_rate_hz)
+        done = track(table, self.tracker, self.motion, management=self.management)
+        return self.cutting(postprocess(done), self.frame_rate_hz) if self.post_processing else done
 
     @cached("tracks", "exit_point_mm", "regression")
     def trajectories(self) -> pd.DataFrame:
@@ -301,8 +310,10 @@ class KilnRun:
         return slices_from(self.flights(), regression.fits(self.trajectories()))
 
 
-def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
-    """Make all missing tables, with progress; one process by default.
+def make_tables(
+    runs: Sequence[KilnRun], workers: Workers | None = None, steps: Sequence[str] = KILN_STEPS
+) -> None:
+    """Make all missing tables, or those up to ``steps``, with progress; one process by default.
 
     Workers of a cluster only detect. The later steps take ``workers.jobs`` processes on this
     machine, one per recording.
@@ -315,7 +326,7 @@ def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None
     workers = workers or Workers()
     chunks = [(run, frames, len(frames)) for run in runs for frames in run.detection.chunks]
     _make_missing(chunks, workers, "detection")
-    for step in KILN_STEPS:
+    for step in steps:
         pieces = [(run, step, len(run.frames)) for run in runs]
         _make_missing(pieces, replace(workers, scheduler=None), step)
 
@@ -332,12 +343,9 @@ def _make_missing(
     lengths = [size for *_, size in missing]
     before = sum(size for *_, size in wanted) - sum(lengths)
     workers(_make_table, [each[:3] for each in missing], lengths, label, before)
-    lost = [path for *_, path, _ in missing if not path.is_file()]
-    if lost:
-        raise InputError(
-            f"{lost[0]}: a worker has made this, but not here. Give the workers the same folder "
-            "under the same name."
-        )
+    for lost in [path for *_, path, _ in missing if not path.is_file()][:1]:
+        elsewhere = "was made by a worker elsewhere. Give workers the same folder by the same name"
+        raise InputError(f"{lost}: {elsewhere}.")
 
 
 def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
@@ -367,8 +375,9 @@ def flights_from(
         return FLIGHTS.empty()
     recording, table = run.detection.source.recording(), tracked(tracks)
     table = table.assign(background=background_gray(table, run.detection.source, run.frames))
-    view, rate = flight.FieldOfView(recording.attributes.roi, run.frames), run.frame_rate_hz
-    return flight.flights(table, fits, run.wall, run.in_air, rate, run.rules, view)
+    first, last = (recording.frame(t).index for t in (0, run.frames[-1]))
+    view = flight.FieldOfView(recording.attributes.roi, range(last - first + 1))
+    return flight.flights(table, fits, run.wall, run.in_air, run.frame_rate_hz, run.rules, view)
 
 
 def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:

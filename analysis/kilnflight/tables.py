@@ -18,6 +18,7 @@ from kilnflight.arrays import Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number, check_whole
 
 AXES, PIXEL = ("x", "y", "z"), ("row", "col")
+KINDS = {bool: "b", int: "iu", float: "iuf"}  # of numpy; whole numbers are floats too
 HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
 
 
@@ -59,7 +60,8 @@ class Table:
         table = table[self.names]
         for column in self.columns:
             values, place = table[column.name], f"{where or self.name}: column {column.name}"
-            if not _holds(values, column.kind):
+            text = pd.api.types.is_string_dtype(values) and not values.isna().any()
+            if not (text if column.kind is str else values.dtype.kind in KINDS[column.kind]):
                 raise InputError(f"{place} holds {values.dtype}, expected {column.kind.__name__}.")
             numbers = np.zeros(0) if column.kind is str else values.to_numpy(np.float64)
             finite = np.isfinite(numbers) | (np.isnan(numbers) & column.missing)
@@ -67,13 +69,6 @@ class Table:
                 row = table.index[int(finite.argmin())]
                 raise InputError(f"{place} is not finite in row {row}. Leave the row out.")
         return table
-
-
-def _holds(values: pd.Series, kind: type) -> bool:
-    """Return whether a column is of a kind; whole numbers are floats too."""
-    if kind is str:
-        return pd.api.types.is_string_dtype(values) and not values.isna().any()
-    return values.dtype.kind in {bool: "b", int: "iu", float: "iuf"}[kind]
 
 
 def _by_axis(axes: Sequence[str], name: str, kind: type, *more: Any) -> tuple[Column, ...]:
@@ -120,8 +115,7 @@ BELT_PREDICTED = Table(
 VALVE_EVENTS = Table(
     "valve events",
     Column("valve", int, "1", "counted from 0 at y = 0"),
-    Column("open_s", float, "s", "time of the command to open; the air comes a latency later"),
-    Column("close_s", float, "s", "time of the command to close; the air stops a latency later"),
+    *_by_axis(("open", "close"), "{}_s", float, "s", "that command; the air follows it, late"),
 )
 
 BELT_SPOTS = Table(
@@ -160,24 +154,42 @@ DETECTIONS = Table(
     Column("gray", float, "1", "mean grey value of the frame within that disc"),
     *_by_axis(AXES, "{}", float, "mm", "mean of its points, camera coordinates, calibrated", True),
     Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
-    Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
+    Column("case", int, "1", "which case of chapter 3.1 decided it; 0: found in the picture alone"),
 )
 TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
-def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of other programs with row and col, from y and x in pixels; z is a plane.
+def plain(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose index has no names, as linkers give them, and without categories.
 
-    A table that has row or col already is returned as it is: there x, y, z are mm.
+    Levels of the index that are no columns become columns. `InputError`: it is no table.
+
+    Examples
+    --------
+    >>> list(plain(pd.DataFrame({"row": [2.5]}, pd.Index([3], name="frame"))).columns)
+    ['frame', 'row']
+    """
+    check_columns(table, [], "table")
+    names = [name for name in table.index.names if name not in (None, *table.columns)]
+    table = table.reset_index(names) if names else table
+    kinds = {name: table[name].cat.categories.dtype for name in table.select_dtypes("category")}
+    return table.set_axis(table.index.set_names([None] * table.index.nlevels)).astype(kinds)
+
+
+def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a plain table of other programs with row and col, from y and x in px; z is a plane.
+
+    A table that has row or col already keeps its columns: there x, y, z are mm.
 
     Examples
     --------
     >>> list(with_pixels(pd.DataFrame({"y": [2.5], "x": [7.0], "frame": [3]})).columns)
     ['row', 'col', 'frame']
     """
-    if not {"x", "y"} <= set(table.columns) or {"row", "col"} & set(table.columns):
-        return table
-    return table.rename(columns={"x": "col", "y": "row", "z": "plane"})
+    columns = set((table := plain(table)).columns)
+    if {"x", "y"} <= columns and not {"row", "col"} & columns:
+        table = table.rename(columns={"x": "col", "y": "row", "z": "plane"})
+    return table
 
 
 def order_tracks(table: pd.DataFrame, where: str, clock: str = "frame") -> tuple[Index, Whole, Any]:
@@ -194,15 +206,14 @@ def order_tracks(table: pd.DataFrame, where: str, clock: str = "frame") -> tuple
     check_columns(table, ["particle", clock], where)
     particle = check_whole(table["particle"], f"{where}: column particle")
     check_number(particle.min(initial=0), f"{where}: column particle", least=-1)
-    check: Any = check_whole if clock == "frame" else check_finite
-    time = check(table[clock], f"{where}: column {clock}")
+    read: Any = check_whole if clock == "frame" else check_finite
+    time = read(table[clock], f"{where}: column {clock}")
     rows = np.lexsort((time, particle))
     rows = rows[particle[rows] >= 0]
     particle, time = particle[rows], time[rows]
     repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
-    if len(repeated):
-        at = f"particle {particle[repeated[0]]} has two rows in {clock} {time[repeated[0]]}"
-        raise InputError(f"{where}: {at}. Keep one of them, or give it another number or -1.")
+    for k in repeated[:1]:
+        raise InputError(f"{where}: particle {particle[k]} twice in {clock} {time[k]}. Keep one.")
     return rows, particle, time
 
 
@@ -227,10 +238,7 @@ TRAJECTORIES = Table(
 FLIGHTS = Table(
     "flights",
     Column("particle", int, "1", "track of the flight"),
-    Column("t0_s", float, "s", "time at the lance, on the recording's clock"),
-    Column("first_s", float, "s", "first detection"),
-    Column("last_s", float, "s", "last detection"),
-    Column("end_s", float, "s", "end of the flight, on the recording's clock"),
+    *_by_axis(("t0", "first", "last", "end"), "{}_s", float, "s", "on the recording's clock"),
     Column("dwell_s", float, "s", "end_s - t0_s; a lower bound if it was lost"),
     Column("ending", str, "1", "landed, burnt out or lost"),
     Column("from_lance", bool, "1", "whether it starts at the lance"),

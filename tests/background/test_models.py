@@ -1,7 +1,6 @@
 """The six background models against their equations, and what they have in common."""
 
 from dataclasses import astuple
-from itertools import product
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from tests.definitions import backgrounds as plain
 
 from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussian
-from kilnflight.background.models import ThreeFrame, TwoFrame
+from kilnflight.background.models import Surroundings, ThreeFrame, TwoFrame
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
 from kilnflight.project import claims
@@ -144,17 +143,10 @@ def test_frames_of_another_shape_are_refused():
         list(Mean(4)([np.zeros((3, 4)), np.zeros((3, 5))], [0]))
 
 
-@pytest.mark.parametrize(
-    ("kinds", "name", "values"),
-    [
-        ((TwoFrame, ThreeFrame), "interval", (0, 2.5, None)),
-        ((*WINDOWED, RunningGaussian), "window", (0, 2.5, None)),
-        ((Adaptive,), "learning_rate", (1.1,)),
-        ((RunningGaussian,), "memory", (-0.1,)),
-        ((RunningGaussian,), "k", (-1,)),
-    ],
-)
-def test_parameters_out_of_range_are_refused(kinds, name, values):
-    for kind, bad in product(kinds, values):
-        with pytest.raises(InputError, match=name):
-            kind(**{name: bad})
+def test_surroundings_keep_what_rests_and_take_slow_changes_away():
+    row, col = np.mgrid[:120, :160]
+    image = (1000 + 2 * col + 300 * (np.hypot(row - 60, col - 80) < 3)).astype(np.uint16)
+    (found,) = Surroundings()(np.stack([image] * 3), [1])
+    assert found[60, 80] > 280
+    assert found[30:50, 30:130].max() < 5
+    assert (found.shape, found.dtype) == (image.shape, np.float32)

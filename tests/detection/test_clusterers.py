@@ -49,14 +49,6 @@ def test_dbscan_with_ties_at_eps_and_on_clouds_of_uneven_density(seed, count, wi
         same_as_scikit_learn(uneven(seed, 400), eps, min_points)
 
 
-def test_dbscan_on_a_window_of_a_frame(kept_scene):
-    frame = kept_scene("V4").frame(75)
-    inside = (np.abs(frame.pixels - [760, 1000]) < 200).all(axis=1)
-    assert np.count_nonzero(inside) > 5000
-    for eps in (50.0, 15.0):
-        same_as_scikit_learn(frame.xyz[inside].astype(np.float64), eps, 10)
-
-
 @given(seeds, st.integers(1, 40))
 def test_morphology_is_the_dilation_of_a_full_grid(seed, grid):
     for points in (uneven(seed) * [1, 1, 10], lattice(seed, 1 + seed % 60, 17) / 2):

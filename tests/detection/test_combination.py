@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
-from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D, combination
-from kilnflight.detection.combination import Combination, View
+from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D, DoG, Otsu, combination
+from kilnflight.detection.combination import Combination, Planar, View
 from kilnflight.tables import DETECTIONS
 
 ROWS, COLS = np.indices((120, 160))
@@ -136,7 +135,14 @@ def test_the_mean_grey_value_is_that_of_the_disc():
         assert combination.mean_gray(image.astype(kind), discs) == pytest.approx(exact)
 
 
-def test_parameters_out_of_range_are_refused():
-    for wrong in ({"prominence": 0.0}, {"share": -0.1}):
-        with pytest.raises(InputError, match=next(iter(wrong))):
-            Combination(**wrong)
+def test_in_pictures_alone_the_size_decides_and_the_stronger_of_two():
+    row, col = np.ogrid[:100, :160]
+    image = np.zeros((100, 160))
+    for at, radius in ((30, 4), (110, 14)):
+        image += 500 / (1 + np.exp(np.hypot(row - 50, col - at) - radius))
+    view = View(image.astype(np.uint16), image, image.astype(np.float32), np.empty((0, 2)), None)
+    assert {30, 110} <= set(Planar(DoG(10.0))(view)["col"].round())
+    found = DETECTIONS.check(Planar(DoG(10.0), 8.0)(view, frame=3))
+    assert (found["frame"].tolist(), found["col"].round().tolist()) == ([3], [30])
+    assert found["z"].isna().all()
+    assert Planar(Otsu())(view, [(0, 80), (0, 160), (100, 160), (100, 80)])["col"].tolist() == [110]

@@ -41,10 +41,12 @@ def test_particles_have_the_centre_and_the_area_of_their_region():
     np.testing.assert_allclose(Otsu()(image), expected, atol=1e-9)
 
 
-def test_values_without_a_threshold_are_refused():
-    for values in (np.zeros((0, 4)), np.array([0.0, 70_000.0]), np.array([0.0, np.nan])):
-        with pytest.raises(InputError, match="values"):
-            otsu_threshold(values)
+def test_what_is_below_the_least_value_is_noise():
+    image = np.abs(np.random.default_rng(0).normal(0, 2, (60, 80)))
+    assert len(Otsu()(image)) > 0
+    assert len(Otsu(9.0)(image)) == 0
+    image[10:16, 20:25] += 12
+    np.testing.assert_allclose(Otsu(9.0)(image), [[12.5, 22, np.sqrt(30 / np.pi)]], atol=0.3)
 
 
 def test_the_flame_is_what_is_bright_in_its_rectangle():

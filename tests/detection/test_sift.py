@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from tests.definitions.sift import keypoints
 
 from kilnflight.camera import inside
-from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 
 CORNER = st.tuples(st.floats(-40.0, 220.0), st.floats(-40.0, 280.0))
@@ -84,7 +83,11 @@ def test_all_particles_in_a_polygon_are_found_and_no_others_invented(seed, polyg
     assert {tuple(p) for p in within} <= found <= {tuple(p) for p in every}
 
 
-def test_a_camera_blur_beyond_the_first_scale_is_refused():
-    for blur in (2.0, -1.0, np.nan):
-        with pytest.raises(InputError, match="camera_blur"):
-            DoG(camera_blur=blur)
+@pytest.mark.parametrize(("times", "sigma"), [(2, 1.3), (4, 0.8)])
+def test_small_blobs_are_found_in_an_enlarged_image(times, sigma):
+    row, col = np.ogrid[:60, :80]
+    image = 1000 * np.exp(-((row - 20.3) ** 2 + (col - 50.6) ** 2) / (2 * sigma**2))
+    assert len(DoG(20.0)(image)) == 0
+    (found,) = DoG(20.0, enlarge=times)(image)
+    np.testing.assert_allclose(found, [20.3, 50.6, sigma * np.sqrt(2)], atol=0.3)
+    assert len(DoG(20.0, enlarge=times)(image, [(0, 0), (0, 40), (40, 0)])) == 0

@@ -74,4 +74,4 @@ def test_after_the_last_detection_a_flight_is_straight(polynomials):
     fit = polynomials(((100.0, 900.0), (0.0,), (-8000.0, 500.0)), last_s=0.3)
     np.testing.assert_array_equal(straight_on(fit, [0.1, 0.3]), fit([0.1, 0.3]))
     mean_velocity = (fit(0.3) - fit(0.28)) / 0.02  # of the last 20 ms
-    np.testing.assert_allclose(straight_on(fit, 0.5)[0], fit(0.3) + 0.2 * mean_velocity)
+    np.testing.assert_allclose(straight_on(fit, 0.5), fit(0.3) + 0.2 * mean_velocity)

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
 from kilnflight.flight import reaching, slices, space_sliced_velocity
 from kilnflight.tables import SLICES
 
@@ -67,10 +66,3 @@ def test_many_flights_and_their_share_in_each_slice(polynomials):
     assert len(slices(fits, {4: 0.15, 9: 9.0})) == 4
     assert list(slices({}).columns) == SLICES.names
     assert len(reaching(slices({}), 0)) == 0
-
-
-def test_no_flight_and_too_many_slices_are_refused(polynomials):
-    fit = polynomials(((0.0,), (0.0,), (-8000.0,)))
-    for wrong in ({"until_s": -9.0}, {"slice_m": 1e-7}):
-        with pytest.raises(InputError, match=next(iter(wrong))):
-            space_sliced_velocity(fit, **wrong)

@@ -60,9 +60,3 @@ def test_no_scheduler_is_one_clear_error(monkeypatch):
 def test_a_killed_process_is_told():
     with pytest.raises(InputError, match="killed"):
         Workers(2)(die, [1, 2], [1, 1], "dying")
-
-
-@pytest.mark.parametrize("jobs", [0, 1.5])
-def test_a_number_of_processes_that_is_none(jobs):
-    with pytest.raises(InputError, match="jobs"):
-        Workers(jobs)

@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 from kilnflight.checks import InputError
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import write_recording
-from kilnflight.run.contents import summarise_recording
+from kilnflight.run.report import summarise_recording
 
 FILM = np.random.default_rng(1).integers(0, 200, (5, 24, 32), dtype=np.uint8)
 WIDE = FILM.astype(np.uint16) * 300
@@ -161,19 +161,28 @@ def test_whole_gray_values_stay_and_others_are_scaled(values, unit):
 
 
 @pytest.mark.parametrize("pattern", ["a_*.png", "a_{frame}*.png", "?_{frame:04d}_8bit.png"])
-def test_gaps_in_numbers_are_frames_that_are_not_there(pattern, tmp_path):
-    last = 20_000_000_000_000  # a stray time stamp
-    for number, frame in zip((3, 4, 9, last), FILM, strict=False):
+@pytest.mark.parametrize(
+    ("numbers", "index", "missing"),
+    [
+        ((3, 4, 5, 9), (3, 4, 5, 9), 3),
+        ((3, 4, 9, 20_000_000_000_000), (3, 4, 9, 20_000_000_000_000), 19_999_999_999_994),
+        ((10, 20, 30, 50), (0, 1, 2, 4), 1),  # every tenth frame
+        ((1700, 1733, 1767, 1867), (0, 1, 2, 5), 2),  # ms of a clock, 30 frames/s
+    ],
+)
+def test_gaps_in_numbers_are_frames_that_are_not_there(pattern, numbers, index, missing, tmp_path):
+    for number, frame in zip(numbers, FILM, strict=False):
         name = f"a_{number:04d}" + ("_8bit" if "{" in pattern else "")
         cv2.imwrite(str(tmp_path / f"{name}.png"), frame)
     recording = open_any(tmp_path / pattern, frame_rate_hz=10.0)
-    assert [recording.frame(t).index for t in range(4)] == [3, 4, 9, last]
-    assert recording.frame(2).time_s == 0.6
+    assert tuple(recording.frame(t).index for t in range(4)) == index
+    assert recording.frame(2).time_s == (index[2] - index[0]) / 10
     np.testing.assert_array_equal(recording.gray(2), FILM[2])
-    assert recording.attributes.notes == (f"{last - 6} of the frames 3 to {last} are missing",)
+    assert len(recording.attributes.notes) == 1 + (index[0] == 0)
+    assert recording.attributes.notes[-1].startswith(f"{missing} of ")
     stored = write_recording(recording, tmp_path / "o.zarr")
-    assert recording.attributes.notes[0] in summarise_recording(stored)["value"].tolist()
-    assert stored.frame(3).index == last
+    assert recording.attributes.notes[-1] in summarise_recording(stored)["value"].tolist()
+    assert stored.frame(3).index == index[3]
     assert stored.attributes.notes == recording.attributes.notes
 
 

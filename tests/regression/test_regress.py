@@ -138,13 +138,3 @@ def test_every_track_has_its_row_and_the_fits_come_back():
     expected = {k: regress(tracks[tracks["particle"] == k], EXIT, RATE) for k in (0, 7)}
     assert fits(table) == expected
     assert fits(regress_all(tracks.iloc[:0], EXIT, RATE)) == {}
-
-
-def test_depth_beyond_any_kiln_and_orders_beyond_the_table_are_refused():
-    with pytest.raises(InputError, match="z"):
-        regress(flight().assign(z=1e200), EXIT, RATE)
-    for wrong in ({"lowest": 0}, {"highest": 10}, {"gain": -0.1}):
-        with pytest.raises(InputError, match=next(iter(wrong))):
-            Regression(**wrong)
-    with pytest.raises(InputError, match="highest"):
-        regress_all(flight(), EXIT, RATE, Regression(highest=7))

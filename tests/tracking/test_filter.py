@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import kalman
 
-from kilnflight.checks import InputError
 from kilnflight.tracking import filter as filtering
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
 
@@ -99,19 +98,3 @@ def test_the_limits_of_the_gate_are_outside_and_unknown_numbers_pass():
     assert np.isinf(Gate(0.0)(at, unit, Detected(at)).distance_squared).all()
     far = Gate(1e6, np.inf)(at, unit, Detected(np.array([[9e5, 0]]), depth[:1]), np.array([1e9]))
     assert far.distance_squared == pytest.approx(8.1e11)
-
-
-@pytest.mark.parametrize(
-    ("make", "name", "values"),
-    [
-        (Gate, "distance", [-1.0, NAN, np.inf, "4"]),
-        (Gate, "depth_mm", [-1.0, NAN, None]),
-        (ConstantVelocity, "velocity", [(NAN, 0.0), (), 3.0, ("a", "b")]),
-        (ConstantVelocity, "measurement_sd", [0.0, NAN, "2"]),
-        (ConstantAcceleration, "acceleration_sd", [0.0, np.inf]),
-    ],
-)
-def test_bad_input_names_the_argument(make, name, values):
-    for bad in values:
-        with pytest.raises(InputError, match=name):
-            make(**{name: bad})

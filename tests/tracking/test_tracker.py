@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from kilnflight.association import GNN, JPDA, NearestNeighbor
-from kilnflight.checks import InputError
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 from kilnflight.tracking.tracker import Management, record, track
 
@@ -133,9 +132,3 @@ def test_places_may_be_named_x_and_y():
     result = track(renamed)
     assert list(result) == ["y", "frame", "x", "particle"]
     assert result["particle"].tolist() == track(CROSSING)["particle"].tolist()
-
-
-def test_bad_management_names_the_argument():
-    for wrong in ({"visibility": 1.5}, {"invisible": 2.5}, {"visibility_age": -1}, {"used": "a"}):
-        with pytest.raises(InputError, match=next(iter(wrong))):
-            Management(**wrong)

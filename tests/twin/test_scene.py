@@ -53,6 +53,8 @@ def test_positions_are_one_a_pixel_and_lie_on_its_ray(twin):
 def test_labels_and_instances_are_those_of_the_truth(twin):
     for t in (60, 80):
         frame, sightings = twin.frame(t), truth.sightings(twin, t)
+        assert (set(sightings["frame"]), sightings["particle"].is_unique) == ({t}, True)
+        assert set(sightings["label"]) <= {2, 3, 4}
         marked = sightings[sightings["visible"] & (sightings["pixels"] > 0)]
         row = marked["row"].round().astype(int).clip(0, 383)
         column = marked["col"].round().astype(int).clip(0, 511)

@@ -313,3 +313,21 @@ class RunningGaussian:
         selected = deviation**2 > self.k**2 * variance
         foreground = np.where(selected, np.abs(deviation), 0).astype(np.float32)
         return (held[first] + mean).astype(held.precise), foreground
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Subtract each frame's own blur, for particles that rest; not in the thesis.
+
+    Positive differences stay, as with `Median`.
+    """
+
+    width_px: float = 20.0  # standard deviation of the Gaussian; wider things are background
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
+        """Yield the foreground of each requested frame, (rows, cols) float32."""
+        held = HeldFrames(frames, 1)
+        for t in check_indices(indices, held.length):
+            held.fetch([t])
+            image = held[t].astype(np.float32)
+            yield np.maximum(image - cv2.GaussianBlur(image, (0, 0), self.width_px), 0)

@@ -27,11 +27,12 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers, Single
 from kilnflight.camera import inside
 from kilnflight.checks import check_number
-from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Polygon
+from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, smoothed
 from kilnflight.tables import DETECTIONS
 
@@ -186,6 +187,7 @@ class View(NamedTuple):
     pixels: Integers  # (n, 2) row and col of the points, without the flame
     xyz: Array  # (n, 3) mm, depth after Eq. 2.4
     smooth: Callable[[Integers], Single] = smoothed  # or a `peaks.Smoother`
+    number: int = 0  # of the frame in its recording
 
 
 @dataclass(frozen=True)
@@ -284,11 +286,64 @@ class Combination:
             parts.append(
                 decide_case(case, keypoints[spots], take_clusters(clusters, groups), evidence)
             )
-        values = np.concatenate(parts)
-        columns = dict(zip(_COLUMNS, values.T, strict=True))
-        columns |= {"frame": np.full(len(values), frame)}
-        columns |= {"gray": mean_gray(view.gray, values[:, :3])}
-        return pd.DataFrame({c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns})
+        return _table(np.concatenate(parts), view.gray, frame)
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Find particles in pictures alone, for recordings without depth (sections 2.2.2, 2.2.3).
+
+    No frame difference is asked for, so particles that rest are found, too.
+
+    Parameters
+    ----------
+    detector
+        Finds particles in the foreground.
+    size_px
+        Diameter of the particles. Only discs of half to twice this size are kept, and of two
+        that are nearer than half of it the stronger one. None: all sizes, 1 px apart.
+    """
+
+    detector: DoG | Otsu = field(default_factory=DoG)
+    size_px: float | None = None
+
+    def __call__(self, view: View, roi: Polygon | None = None, frame: int = 0) -> pd.DataFrame:
+        """Return the particles of a frame (`kilnflight.tables.DETECTIONS`), ``case`` 0.
+
+        ``roi`` are corners (row, col) of a polygon in px; particles outside are left out.
+        """
+        if isinstance(self.detector, DoG):  # which may find one spot in two octaves
+            spots, size = self.detector.graded(view.foreground, roi), self.size_px
+            if size:
+                spots = spots[np.abs(np.log(spots[:, 2] / (size / 2))) < np.log(2)]
+            spots = _strongest(spots, (size or 2.0) / 2)
+        else:
+            spots = self.detector(view.foreground, roi)
+        if roi is not None:
+            spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
+        unknown = np.full((len(spots), 3), np.nan)
+        return _table(
+            np.column_stack([spots, unknown, np.zeros((len(spots), 2))]), view.gray, frame
+        )
+
+
+def _strongest(graded: Array, apart: float) -> Array:
+    """Return row, col and radius (k, 3) of the spots (n, 4) without a stronger one near by.
+
+    The last column of ``graded`` is the strength; near is below ``apart`` px.
+    """
+    spots = graded[np.argsort(-graded[:, 3], kind="stable")]
+    kept = np.ones(len(spots), dtype=np.bool_)
+    for i, k in sorted(KDTree(spots[:, :2]).query_pairs(apart)) if len(spots) else ():
+        kept[k] &= not kept[i]
+    return spots[kept, :3]
+
+
+def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
+    """Return `DETECTIONS` of one frame from rows (n, 8) of `_COLUMNS`."""
+    columns = dict(zip(_COLUMNS, values.T, strict=True))
+    columns |= {"frame": np.full(len(values), frame), "gray": mean_gray(gray, values[:, :3])}
+    return pd.DataFrame({c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns})
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:

@@ -3,6 +3,7 @@
 Section 2.2.2, chapter 3.1 and Fig. 3.4 of the thesis.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -109,8 +110,14 @@ def _criterion(counts: Integers) -> Array:
     return (mean * omega - mu) ** 2 / (variance * omega * (1 - omega))
 
 
+@dataclass(frozen=True)
 class Otsu:
     """Find connected regions above Otsu's threshold of the foreground.
+
+    Parameters
+    ----------
+    least
+        Grey values up to it are noise and count as 0.
 
     Notes
     -----
@@ -118,6 +125,8 @@ class Otsu:
     above the threshold become particles. Here a region of pixels that touch, corners included,
     is one particle; regions below `SMALLEST_PX` are noise.
     """
+
+    least: float = 0.0
 
     def __call__(self, foreground: npt.ArrayLike, _within: object = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
@@ -145,6 +154,7 @@ class Otsu:
         image = check_foreground(foreground, "Otsu")
         if image.size == 0:
             return np.empty((0, 3))
+        image = np.where(image > self.least, image, 0) if self.least else image
         above = _rounded(image) > otsu_threshold(image)
         _, _, regions, centroids = cv2.connectedComponentsWithStats(
             above.view(np.uint8), connectivity=8

@@ -146,9 +146,9 @@ def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
 
     ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
     """
-    ordered = table.sort_values(["particle", "frame"])
-    for k, (_, track) in enumerate(ordered.groupby("particle")):
-        color, marker = colour or COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+    tracks, few = table.sort_values(["particle", "frame"]).groupby("particle"), COLOURS[1:]
+    for k, (_, track) in enumerate(tracks):  # black is not seen on a frame, many markers hide it
+        color, marker = colour or few[k % len(few)], MARKERS[k % len(MARKERS)][: len(tracks) < 200]
         axes.plot(track["col"], track["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 

@@ -66,7 +66,7 @@ import logging
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ import scipy.io
 import tifffile
 
 from kilnflight.arrays import Picture
-from kilnflight.checks import InputError, check_columns, check_shape, known_numbers
+from kilnflight.checks import InputError, check_shape, known_numbers
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, check_position
 from kilnflight.recording.store import StoredRecording, open_recording
 
@@ -129,7 +129,9 @@ class FileRecording:
     attributes
         Facts about the whole recording.
     numbers
-        Number of each frame, ascending.
+        Number of each frame in the files, ascending.
+    index
+        Number of each frame: ``numbers``, or counted from 0 where those go in longer steps.
     images
         Pictures (rows, cols) or (rows, cols, channels), read one by one.
     channel
@@ -142,6 +144,7 @@ class FileRecording:
 
     attributes: Attributes
     numbers: Sequence[int] = field(repr=False)
+    index: Sequence[int] = field(repr=False)
     images: Any = field(repr=False)
     channel: str | None = None
     scale: tuple[float, float] | None = None
@@ -154,6 +157,8 @@ class FileRecording:
         """Return the grey values (rows, cols) of frame ``t``, counted from 0."""
         check_position(t, len(self), self.attributes.name)
         where = f"recording {self.attributes.name}, frame {self.numbers[t]}"
+        if getattr(self.images, "_mmap", None) is not None:
+            self.images._mmap.madvise(4)  # DONTNEED: else all that was read stays in memory
         image = _one_channel(self.images[t], self.channel, where)
         check_shape(image, self.attributes.size, where)
         if self.scale is not None:
@@ -169,8 +174,8 @@ class FileRecording:
             if number in files:
                 read = _points if name == "coordinates" else _labels
                 more |= read(part, files[number], gray.shape)
-        time_s = (number - self.numbers[0]) / self.attributes.frame_rate_hz
-        return check_frame(Frame(number, time_s, gray, **more), self.attributes)
+        time_s = (self.index[t] - self.index[0]) / self.attributes.frame_rate_hz
+        return check_frame(Frame(self.index[t], time_s, gray, **more), self.attributes)
 
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and the files' names, sizes and times.
@@ -178,9 +183,9 @@ class FileRecording:
         Arrays in memory are hashed frame by frame.
         """
         digest = hashlib.sha256(repr((self, list(self.numbers))).encode())
-        files = [path for _, found in self.parts.values() for path in found.values()]
         for t in range(0 if hasattr(self.images, "files") else len(self)):
             digest.update(self.gray(t).tobytes())
+        files = [path for _, found in self.parts.values() for path in found.values()]
         for path in [*getattr(self.images, "files", ()), *files]:
             digest.update(repr((path.name, path.stat().st_size, path.stat().st_mtime_ns)).encode())
         return digest.hexdigest()[:12]
@@ -213,6 +218,8 @@ def open_any(
     >>> len(recording), int(recording.gray(1)[0, 0])
     (3, 32768)
     """
+    if hasattr(source, "attributes"):  # open already
+        return source
     name, indexed = "array", hasattr(source, "__len__") and hasattr(source, "__getitem__")
     if isinstance(source, str | os.PathLike):
         path, manifest = Path(source), Path(source).suffix.lower() == ".toml"
@@ -222,7 +229,8 @@ def open_any(
             if channel is not None or frame_rate_hz is not None:
                 raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
             return recording
-        (images, numbers), name = _images(Part(str(path)), Path()), path.stem or path.resolve().name
+        name = (path if path.exists() else path.parent).resolve().stem  # of a pattern: the folder
+        images, numbers = _images(Part(str(path)), Path())
     elif indexed and not hasattr(source, "keys") and getattr(source, "shape", True):
         images, numbers = source, range(len(source))
     else:
@@ -244,9 +252,14 @@ def _recording(
         notes.append(f"coloured pictures: channel {channel}, the brightest, is used")
     elif channel not in (None, *CHANNELS[: colours.shape[2]]):
         raise InputError(f"{where}: it has no channel {channel!r}. Leave it out, or name a colour.")
-    if missing := numbers[-1] - numbers[0] + 1 - len(numbers):
-        notes.append(f"{missing} of the frames {numbers[0]} to {numbers[-1]} are missing")
-    first = _one_channel(first, channel, where)
+    steps, index = np.diff(np.array(numbers, np.float64)), numbers
+    # time, or every tenth frame; numbers with any step of 1 count frames
+    if len(steps) and (step := np.quantile(steps, (steps.min() > 1) / 2, method="lower")) > 1:
+        index = [0, *np.maximum(np.rint(steps / step), 1).cumsum().astype(int).tolist()]
+        notes.append(f"numbers go in steps of {step:g}: frames are counted from 0")
+    if missing := index[-1] - index[0] + 1 - len(index):
+        notes.append(f"{missing} of {missing + len(index)} frames are missing")
+    first = _one_channel(first, channel, f"{where}, frame {numbers[0]}")
     if first.dtype not in SMALL_TYPES:
         frames = (f"{where}, frame {number}" for number in numbers)
         ends = [_ends(_one_channel(images[t], channel, at)) for t, at in enumerate(frames)]
@@ -254,10 +267,10 @@ def _recording(
         if not all(whole for *_, whole in ends):
             scale = low, WHITE / ((high - low) or 1.0)
             notes.append(f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}")
-    found = {"name": None, "rows": first.shape[0], "columns": first.shape[1], "notes": notes}
+    found = {"rows": first.shape[0], "columns": first.shape[1], "notes": notes}
     found["frame_rate_hz"] = getattr(images, "frame_rate_hz", 1.0)
     found |= {key: value for key, value in given.items() if value is not None}
-    return FileRecording(Attributes.from_json(found), numbers, images, channel, scale, parts)
+    return FileRecording(Attributes.from_json(found), numbers, index, images, channel, scale, parts)
 
 
 def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
@@ -342,7 +355,7 @@ def _manifest(manifest: Path) -> FileRecording:
     """Return the recording that a manifest describes."""
     folder = manifest.parent
     try:
-        table = tomllib.loads(manifest.read_text(encoding="utf-8"))
+        table = tomllib.loads(manifest.read_text(encoding="utf-8-sig").replace("\\", "/"))
         _check_table(table, MANIFEST, "name", "frame_rate_hz", "gray")
         for name in table.keys() & set(PARTS):
             _check_table(table[name], PART, "pattern", where=f"[{name}] ")
@@ -373,9 +386,6 @@ class PictureFiles:
     files: Sequence[Path]
     key: str | None = None
 
-    def __len__(self) -> int:
-        return len(self.files)
-
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``."""
         return read_array(self.files[t], self.key)
@@ -385,11 +395,10 @@ class Film:
     """Frames of a film, decoded in order; a step back decodes it again from the start."""
 
     def __init__(self, path: Path) -> None:
-        self.files, self._capture, self._next = [path], cv2.VideoCapture(str(path)), 0
+        self.files, self._capture = [path], cv2.VideoCapture(str(path))
         self.frame_rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or 1.0
-        while self._capture.grab():  # the header may announce another length
-            self._next += 1
-        self._length = self._next
+        # counted: the header may announce another length
+        self._length = self._next = sum(1 for _ in iter(self._capture.grab, False))
         if not self._length:
             raise InputError(f"{path}: no frame can be decoded. Convert it: ffmpeg -i FILM a.avi")
 
@@ -426,35 +435,27 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
     ending = path.suffix.lower()
     try:
         if ending in TIFFS:
-            pages = _decoded(_tiff, path)
+            pages = _tiff(path)
             return pages if stack or len(pages) > 1 else pages[0]
         if ending in PICTURES:
             content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
             picture = _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
             return picture[None] if stack else picture
         if ending == ".csv":
-            points = pd.read_csv(path, skipinitialspace=True)
-            check_columns(points, POINT, "points")
-            return points[POINT].to_numpy()
+            return pd.read_csv(path, skipinitialspace=True, usecols=POINT)[POINT].to_numpy()
         if ending == ".npy":
-            return np.atleast_1d(_decoded(np.load, path, mmap_mode="r"))
+            return np.atleast_1d(np.load(path, mmap_mode="r"))
         if ending in (".h5", ".hdf5") or (ending == ".mat" and h5py.is_hdf5(path)):
-            with _decoded(h5py.File, path) as file:
+            with h5py.File(path) as file:
                 return _chosen(file, key).T if ending == ".mat" else _chosen(file, key)
         if ending == ".mat":
-            return _chosen(_decoded(scipy.io.loadmat, path), key)
+            return _chosen(scipy.io.loadmat(path), key)
         raise InputError("this kind of file is not known. Convert it.")
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
-
-
-def _decoded(read: Callable[..., Any], path: Path, **options: Any) -> Any:
-    """Return what a library reads from a file; on damaged bytes it may raise anything."""
-    try:
-        return read(path, **options)
-    except Exception as error:
-        damaged = ValueError(f"{str(error) or 'no content'}. Is it cut off or damaged?")
-        raise error if isinstance(error, InputError) else damaged from error
+    except (InputError, PermissionError, FileNotFoundError, IsADirectoryError) as error:
+        raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+    except Exception as error:  # libraries raise anything on damaged bytes
+        reason = " ".join(str(error).split()) or "no content"
+        raise InputError(f"{path}: {reason}. Is it cut off or damaged?") from error
 
 
 def _chosen(content: Any, key: str | None) -> Anything:
@@ -469,7 +470,7 @@ def _chosen(content: Any, key: str | None) -> Anything:
 
 def _from_bgr(image: Anything | None) -> Anything:
     if image is None:
-        raise ValueError("it cannot be decoded. Is it cut off or damaged?")
+        raise ValueError("it cannot be decoded")
     return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
 
 

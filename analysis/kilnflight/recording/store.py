@@ -109,7 +109,7 @@ def open_recording(path: Path | str) -> StoredRecording:
     """
     path = Path(path)
     if not (path / "zarr.json").is_file():
-        raise InputError(f"{path}: no recording, or its writing was cut off. Import it again.")
+        raise InputError(f"{path}: no such file or recording, or one that was cut off.")
     try:
         group: Any = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
@@ -153,15 +153,15 @@ def write_recording(
     path.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(".part", f"{path.name}.", path.parent) as folder:
         part, rows = Path(folder, path.name), []
-        group: Any = _create(part, recording.attributes, len(frames))
+        group, arrays = _create(part, recording.attributes, len(frames))
         # disable=None: a bar in a terminal, nothing in logs and notebooks
         for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
             frame = recording.frame(t)
-            group["gray"][position] = frame.gray
+            arrays["gray"][position] = frame.gray
             for name in WIDTH if len(frame.xyz) else ():
-                group[name][position, : len(frame.xyz)] = getattr(frame, name)
+                arrays[name][position, : len(frame.xyz)] = getattr(frame, name)
             if frame.labels is not None:
-                group["labels"][position] = frame.labels
+                arrays["labels"][position] = frame.labels
             rows.append((frame.index, frame.time_s, len(frame.xyz), frame.labels is not None))
         per_frame = pd.DataFrame(rows, columns=list(PER_FRAME)).astype(PER_FRAME)
         if not (per_frame[["index", "time_s"]].diff()[1:] > 0).all(axis=None):
@@ -175,16 +175,16 @@ def write_recording(
     return open_recording(path)
 
 
-def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
-    """Return a new, empty group."""
-    pixels = attributes.rows * attributes.columns
+def _create(folder: Path, attributes: Attributes, length: int) -> tuple[Any, dict[str, Any]]:
+    """Return a new, empty group and its arrays, which a group would open without their config."""
+    pixels, made = attributes.rows * attributes.columns, dict[str, Any]()
     content = {"format": FORMAT, **asdict(attributes)}
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
     for name, kind in KINDS.items():
         shape = chunk = attributes.size
         if width := WIDTH.get(name):
             shape, chunk = (pixels, width), (min(POINTS_PER_CHUNK, pixels), width)
-        form: Any = {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": kind}
-        form["config"] = {"write_empty_chunks": True}  # a chunk without a file then is damage
-        group.create_array(name, compressors=ZstdCodec(level=1, checksum=True), **form)
-    return group
+        how: Any = {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": kind}
+        how["config"] = {"write_empty_chunks": True}  # a chunk without a file then is damage
+        made[name] = group.create_array(name, compressors=ZstdCodec(level=1, checksum=True), **how)
+    return group, made

@@ -1,145 +1,178 @@
-"""A recording of one's own: open, detect, track and plot it, or run all steps with a report.
+"""A recording of one's own: open, detect, track and plot it, or run all steps.
 
-recording + `Options` -> `prepare` -> `kilnflight.kiln` -> `RunResults` -> tables, summary, page
+recording + `Options` -> `prepare` -> `kilnflight.kiln` -> `RunResults` -> tables, summary, pictures
 
-`kilnflight.open`, `detect`, `track` and `plot_tracks` are the same steps in Python.
+`kilnflight.open`, `detect`, `track` and `plot_tracks` are the same steps in Python, and
+``kilnflight.run(film, "results")`` is all of them.
 """
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pandas as pd
 
 from kilnflight import kiln, tracking
 from kilnflight.association import GNN, Associator
+from kilnflight.belt.links import motion_of
 from kilnflight.checks import InputError
-from kilnflight.detection import DoG
-from kilnflight.detection.combination import Combination
 from kilnflight.kiln import KILN_STEPS
 from kilnflight.project.cache import clear_parts, locked, write_whole
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
-from kilnflight.run.contents import aligned
-from kilnflight.run.preparation import Inverted, Options, fitted_wall, noise_threshold, prepare
-from kilnflight.run.report import RunResults, page, plot_tracks, read_results, summary
+from kilnflight.run.pictures import pictures, plot_tracks, png, preview
+from kilnflight.run.preparation import Options, choose, fitted_wall, prepare
+from kilnflight.run.report import Tables, aligned, doubts, summary
+from kilnflight.scores.spreading import doubtful_links
+from kilnflight.tables import with_pixels
+from kilnflight.tracking.filter import ConstantVelocity
+from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
-__all__ = [
-    "Options",
-    "detect",
-    "fitted_wall",
-    "open_any",
-    "plot_tracks",
-    "run_recording",
-    "track_detections",
-]
-
-_GNN = GNN()
+__all__ = ["Options", "Workers", "detect", "doubtful_links", "fitted_wall", "open_any"]
+__all__ += ["plot_tracks", "preview", "run_recording", "track_detections"]
+_GNN, ALWAYS = GNN(), ("detections", "tracks")  # the other tables only if they have rows
 
 
-def detect(
-    recording: Recording,
-    threshold: float | None = None,
-    progress: bool = False,
-    dark: bool = False,
-) -> pd.DataFrame:
+def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     """Return the detections in all frames (`kilnflight.tables.DETECTIONS`).
 
     Parameters
     ----------
-    recording
-        As `kilnflight.open` or `kilnflight.twin.scenes.open_scene` gives it.
-    threshold
-        Threshold of DoG in grey values; five times the noise if None (`noise_threshold`).
+    source
+        A recording, or anything that `kilnflight.open` takes.
     progress
         Whether to show a bar in a terminal.
-    dark
-        Whether particles are darker than the background.
+    **options
+        Those of `Options`, such as ``threshold=20``, ``dark=True`` or ``size=10``.
     """
-    threshold = noise_threshold(recording) if threshold is None else threshold
-    seen = Inverted(recording) if dark else recording
-    frames, detector = range(len(recording)), Combination(DoG(threshold))
-    return kiln.detect_frames(seen, frames, detector, progress=progress)
+    run, *_ = choose(open_any(source), Options(**options))
+    seen, frames = run.source.recording(), range(run.start, run.stop)
+    return kiln.detect_frames(seen, frames, run.detector, run.background, progress)
 
 
 def track_detections(
-    detections: pd.DataFrame, associator: Associator = _GNN, raw: bool = False
+    detections: pd.DataFrame,
+    associator: Associator = _GNN,
+    post_processing: bool | None = None,
+    max_step: float | None = None,
+    memory: int = Management.invisible,
+    progress: bool = False,
 ) -> pd.DataFrame:
-    """Return detections with ``particle``, post-processed unless ``raw``.
+    """Return detections with ``particle``; -1 means in no track.
 
-    A ``particle`` of -1 means in no track. Parameters and errors are those of
-    `kilnflight.tracking.track`.
+    Parameters
+    ----------
+    detections
+        Columns frame and row, col or y, x (px); depth z (mm) beside row, col.
+    associator
+        Association of a frame, such as ``kilnflight.association.JPDA()``.
+    post_processing
+        Whether tracklets are joined and filtered. None: where there is depth.
+    max_step
+        Longest step of a particle in px a frame; None: estimated without depth.
+    memory
+        Frames in a row that a track may miss.
+    progress
+        Whether to show a bar in a terminal.
+
+    Raises
+    ------
+    InputError
+        As `kilnflight.tracking.track`.
     """
-    tracks = tracking.track(detections, associator)
-    return tracks if raw else postprocess(tracks)
+    table = with_pixels(detections)
+    deep = "z" in table and bool(table["z"].notna().any())
+    post_processing = deep if post_processing is None else post_processing
+    own = max_step is not None or not post_processing
+    motion = motion_of(table, max_step) if own else ConstantVelocity()
+    patience = Management(invisible=memory)
+    tracks = tracking.track(table, associator, motion, management=patience, progress=progress)
+    return postprocess(tracks) if post_processing else tracks
 
 
-def run_recording(path: Path, target: Path | None, options: Options, workers: Workers) -> None:
-    """Run all steps on a recording of any kind and print the results.
+def run_recording(
+    source: Any, target: Path | str | None = None, workers: Workers | None = None, **options: Any
+) -> dict[str, pd.DataFrame]:
+    """Run all steps on a recording, print what was found and return all tables by name.
 
     A killed run continues where it stopped.
+
+    Parameters
+    ----------
+    source
+        A recording, or anything that `kilnflight.open` takes.
+    target
+        Folder of tables and pictures; None: ``NAME-run`` in the working folder.
+    workers
+        Processes or a cluster that detect; None: this process.
+    **options
+        Those of `Options`.
 
     Raises
     ------
     InputError
         If the recording cannot be used, or a file cannot be written, as on a full disk.
     """
-    target = target or beside(path)
-    if target.resolve().is_relative_to(path.resolve()):
-        raise InputError(
-            f"--to {target}: lies in the recording {path}, which is only read. Give a folder "
-            f"of its own, such as {beside(path)}."
-        )
-    recording = _stored(open_any(path), target / "parts")
-    kiln_run, settings, notes = prepare(recording, target, options)
-    print(*(f"note: {note}" for note in notes), sep="\n")
+    given, recording = Options(**options), open_any(source)
+    target = Path(target or f"{recording.attributes.name}-run")
+    if target.resolve().is_relative_to(getattr(recording, "path", target / "parts").resolve()):
+        raise InputError(f"{target}: lies in the recording. Give another folder to write to.")
+    (target / "parts").mkdir(parents=True, exist_ok=True)
+    stored = _stored(recording, target / "parts")
+    kiln_run, rows = prepare(stored, target, given)
+    kiln.make_tables([kiln_run], workers, ())
+    if not kiln_run.post_processing or given.max_step:
+        motion = motion_of(kiln_run.detection.detections(), given.max_step)
+        kiln_run = replace(kiln_run, motion=motion)
+        facts = f"spread {motion.spreads[1]:g}, change in a frame {motion.noise:g}"
+        rows.append(("motion", f"{motion.velocity} px/frame down, right; {facts} (from links)"))
     kiln.make_tables([kiln_run], workers)
-    results = read_results(kiln_run, settings, notes)
-    print(*(f"note: {note}" for note in results.notes[len(notes) :]), sep="\n")
-    report = publish(results, recording, target)
-    print(aligned(summary(results)))
-    print(f"tables and report: {report}")
+    tables = {"detections": kiln_run.detection.detections()}
+    tables |= {step: kiln_run.table(step)() for step in KILN_STEPS}
+    rows += [*summary(tables).items(), *(("warning", doubt) for doubt in doubts(tables))]
+    tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
+    index = stored.per_frame["index"]
+    publish(tables, stored, target, index[kiln_run.frames] - index[0])
+    print(aligned(tables["summary"]), f"tables and pictures: {target}", sep="\n")
+    return tables
+
+
+class _Room(ModuleType):
+    """The module, callable: ``kilnflight.run(film)``."""
+
+    __call__ = staticmethod(run_recording)
+
+
+sys.modules[__name__].__class__ = _Room
 
 
 def _stored(recording: FileRecording | StoredRecording, folder: Path) -> StoredRecording:
     """Return the recording, or its Zarr copy in a folder: films cannot be read at random."""
     if isinstance(recording, StoredRecording):
         return recording
-    folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
     with locked(folder):
         return open_recording(copy) if copy.exists() else write_recording(recording, copy)
 
 
-def beside(path: Path) -> Path:
-    """Return a run's default folder, beside its recording.
-
-    Examples
-    --------
-    >>> [beside(Path(name)).as_posix() for name in ("kiln/chips.zarr", "kiln/*.png")]
-    ['kiln/chips-run', 'kiln-run']
-    """
-    path = path.parent if set(path.name) & set("*?{[") else path  # a pattern of names
-    path = path.resolve() if path.name in ("", "..") else path
-    name = path.stem if path.is_file() else path.name.removesuffix(".zarr")
-    return path.with_name(f"{name}-run")
-
-
-def publish(results: RunResults, recording: Recording, folder: Path) -> Path:
-    """Write the tables, the summary and the report; return its path.
+def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:
+    """Write the tables and the pictures.
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    names = ("detections", *KILN_STEPS)
-    contents = {f"{name}.parquet": getattr(results, name).to_parquet(index=False) for name in names}
-    contents["summary.csv"] = summary(results).to_csv(index=False).encode()
-    contents["report.html"] = page(results, recording).encode()
+    kept = {name: table for name, table in tables.items() if len(table) or name in ALWAYS}
+    contents = {f"{name}.parquet": table.to_parquet(index=False) for name, table in kept.items()}
+    contents |= {f"{n}.csv": tables[n].to_csv(index=False).encode() for n in ("tracks", "summary")}
+    drawn = pictures(recording, tables["detections"], tables["tracks"], frames)
+    contents |= {f"{name}.png": png(figure) for name, figure in drawn}
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)
             write_whole(folder / name, content)
-    return folder / "report.html"

@@ -5,30 +5,46 @@ Missing options are estimated from the recording, with a note.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-from skimage.util import view_as_blocks
 
 from kilnflight import kiln
-from kilnflight.arrays import Single
-from kilnflight.checks import InputError, check_number
-from kilnflight.detection import DBSCAN, DoG
-from kilnflight.detection.combination import Combination
-from kilnflight.detection.sift import LAYERS, SIGMA_PX
+from kilnflight.arrays import Array, Single
+from kilnflight.background import BackgroundModel, Median
+from kilnflight.background.models import Surroundings
+from kilnflight.belt.links import more_rests, shaken_px
+from kilnflight.checks import InputError, check_number, check_shape
+from kilnflight.detection import DBSCAN, DoG, Otsu
+from kilnflight.detection.combination import Combination, Planar
+from kilnflight.detection.noise import block_noise, pixel_noise
 from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
-from kilnflight.flight import Plausible, Rules
-from kilnflight.ignition import Ignition
 from kilnflight.kiln import Vector
-from kilnflight.recording.frames import Attributes, Frame, Recording, calibrated_cloud
-from kilnflight.recording.store import StoredRecording, open_recording
-from kilnflight.tracklets import Cutting
+from kilnflight.recording.files import WHITE
+from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, calibrated_cloud
+from kilnflight.recording.store import StoredRecording
+from kilnflight.tracking.tracker import Management
 
-Settings = dict[str, str]  # name -> value, for the reader
+Rows = list[tuple[str, str]]  # name of a setting, or "note"; value and why, for the reader
+EXPLAINED = ("in_air_mm", "background", "threshold", "post_processing")  # or not used
+SHAKEN = (
+    "The picture moves by {:.1f} px from frame to frame, so its edges may be found as particles. "
+    "Register the frames first."
+)
+LONG = (
+    "Areas have a radius of {:.1f} px, round spots {:.1f} px: for long or large particles try "
+    "--detector otsu; `kilnflight preview` shows what it finds."
+)
+SHAKE_PX = 0.5  # above it edges of a textured ground stand out
+LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
+BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
+MIDDLE_PX = 3072, 4096  # rows and columns of the enlarged picture in which settings are tried
+FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 
 
 @dataclass(frozen=True)
@@ -37,180 +53,208 @@ class Options:
 
     Parameters
     ----------
+    detector
+        "dog" for round spots, "otsu" for areas of any form.
+    background
+        "median" of the frames around, or "none": each frame's own surroundings.
     threshold
-        Threshold of DoG, grey values.
-    exit_point_mm
-        Outlet of the lance: camera coordinates as captured, as ``lance_mm`` of a manifest.
-    in_air_mm
-        Largest distance of flying particles from the kiln's axis.
-    bright
-        Grey value that only burning particles reach, such as the camera's full scale. A particle
-        that starts there and shows no step was alight when first seen. None: it counts as unlit,
-        as in the thesis (`kilnflight.ignition.Ignition`).
-    above_background
-        Whether ignition is a step of the grey values above the background
-        (`kilnflight.kiln.background_gray`).
-    air_m_s
-        Velocity of the air at the lance's outlet; default: the thesis's at 5 bar (sec. 2.1.1).
-        Twice this velocity is the limit for flights (`kilnflight.flight.Plausible`) and for steps
-        within tracks (`kilnflight.tracklets.Cutting`).
+        Grey values: of the difference of Gaussians, or of a pixel over the background for areas.
     dark
         Whether particles are darker than the background.
+    small
+        Whether pictures are searched at twice their size, for radii from 1.4 px.
+    size
+        Diameter of the particles in px; it replaces ``small``.
+    roi
+        First row, row after the last, first column, column after the last.
+    frames
+        First frame and frame after the last.
+    max_step
+        Longest step of a particle in px a frame.
+    memory
+        Frames in a row that a track may miss.
+    post_processing
+        Whether tracklets are joined and filtered as in the thesis (chapter 4.2). None: only with
+        depth and a lance.
+    in_air_mm
+        Largest distance of flying particles from the kiln's axis.
 
     Raises
     ------
     InputError
-        If a number is not above 0.
+        If a word is not known or a number is not above 0.
     """
 
+    detector: str = "dog"
+    background: str | None = None
     threshold: float | None = None
-    exit_point_mm: Vector | None = None
-    in_air_mm: float = 800.0  # sec. 5.1.4
-    bright: float | None = None
-    above_background: bool = False
-    air_m_s: float = Plausible().air_m_s
     dark: bool = False
+    small: bool = False
+    size: float | None = None
+    roi: tuple[int, int, int, int] | None = None
+    frames: tuple[int, int] | None = None
+    max_step: float | None = None
+    memory: int = Management.invisible
+    post_processing: bool | None = None
+    in_air_mm: float = 800.0  # sec. 5.1.4
 
     def __post_init__(self) -> None:
-        for name in ("threshold", "in_air_mm", "bright", "air_m_s"):
+        for name in ("threshold", "size", "max_step", "in_air_mm"):
             if (value := getattr(self, name)) is not None:
                 check_number(value, name, above=0)
-
-
-class Inverted:
-    """A recording with inverted grey values: dark particles become bright."""
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording, self.attributes = recording, recording.attributes
-
-    def __len__(self) -> int:
-        return len(self._recording)
-
-    def gray(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return the inverted grey values (rows, cols) of frame ``t``."""
-        return np.iinfo(np.uint16).max - self._recording.gray(t)
-
-    def frame(self, t: int) -> Frame:
-        """Return frame ``t`` with inverted grey values."""
-        frame = self._recording.frame(t)
-        return replace(frame, gray=np.iinfo(np.uint16).max - frame.gray)
+        for name, length in {"roi": 4, "frames": 2}.items():
+            if (value := getattr(self, name)) is not None:
+                check_shape(np.asarray(value), (length,), name)
+                for number in value:
+                    check_number(number, name, least=0, whole=True)
+                object.__setattr__(self, name, tuple(value))
+        for name, known in {"detector": ("dog", "otsu"), "background": BACKGROUNDS}.items():
+            if getattr(self, name) not in (None, *known):
+                raise InputError(f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}.")
 
 
 @dataclass(frozen=True)
-class StoredSource:
-    """A recording on disk, identified by its content and not by its place."""
+class Prepared:
+    """A recording whose dark particles become bright, whose light becomes even, or cut to a part.
 
-    name: str
-    content: str  # of `StoredRecording.content`
-    dark: bool
-    folder: Path = field(repr=False)
+    It is a `kilnflight.kiln.Source`, identified by its content and not by its place.
+
+    Parameters
+    ----------
+    original
+        The recording.
+    content
+        Its `StoredRecording.content`, where tables are stored.
+    dark
+        Whether grey values are inverted.
+    level
+        Median grey value that every frame is brought to; None: frames stay.
+    roi
+        First row, row after the last, first column, column after the last; None: all.
+    """
+
+    original: Recording = field(repr=False, compare=False)
+    content: str = ""
+    dark: bool = False
+    level: float | None = None
+    roi: tuple[int, int, int, int] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+        return self.original.attributes.name
+
+    @property
+    def attributes(self) -> Attributes:
+        """Facts about the recording."""
+        if self.roi is None:
+            return self.original.attributes
+        top, bottom, left, right = self.roi
+        corners = ((top, left), (top, right), (bottom, right), (bottom, left))
+        return replace(self.original.attributes, roi=corners)
+
+    def __len__(self) -> int:
+        return len(self.original)
 
     def recording(self) -> Recording:
-        """Return the recording, with inverted grey values if ``dark``."""
-        recording = open_recording(self.folder)
-        return Inverted(recording) if self.dark else recording
+        """Return the recording, changed."""
+        return self
+
+    def gray(self, t: int) -> Gray:
+        """Return the grey values (rows, cols) of frame ``t``."""
+        return self._changed(self.original.gray(t))
+
+    def frame(self, t: int) -> Frame:
+        """Return frame ``t``, its grey values changed."""
+        frame = self.original.frame(t)
+        return replace(frame, gray=self._changed(frame.gray))
+
+    def _changed(self, gray: Gray) -> Gray:
+        if self.level is not None:
+            even = gray * (self.level / max(level_of(gray), 1.0))
+            gray = np.minimum(np.rint(even), WHITE).astype(np.uint16)
+        return np.subtract(WHITE, gray, dtype=np.uint16) if self.dark else gray
 
 
-def prepare(
-    recording: StoredRecording, target: Path, options: Options
-) -> tuple[kiln.KilnRun, Settings, list[str]]:
-    """Return the run of a stored recording, its settings, and notes for the reader.
+def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, Options, Rows]:
+    """Return how a recording is detected: what is given, and else what the frames tell.
+
+    Recordings with depth are taken as the thesis takes them: median and combined detector. The
+    options come back with background and threshold.
 
     Raises
     ------
     InputError
-        If the recording has depth and no known lance.
+        If frames or region are not in the recording.
     """
-    attributes, frames = recording.attributes, len(recording)
-    settings = {name.replace("_", " "): f"{value}" for name, value in asdict(options).items()}
-    threshold = options.threshold or noise_threshold(recording)
-    settings["threshold"] = f"{threshold:g} grey values"
-    notes = [*attributes.notes, *_uneven(recording)]
-    if not options.threshold:
-        notes.append(
-            f"No threshold was given: {threshold:g} grey values are five times the noise of the "
-            "first frames, at least five. It decides how much is found; compare others with "
-            "--threshold."
-        )
-    lance, wall = _geometry(recording, options.exit_point_mm, settings, notes)
-    folder = recording.path.resolve()
-    source = StoredSource(attributes.name, recording.content(), options.dark, folder)
-    detector, chunk = Combination(DoG(threshold)), chunk_frames(frames)
-    detection = kiln.DetectionRun(
-        source, 0, frames, detector, chunk=chunk, folder=target.absolute() / "parts"
-    )
-    plausible, in_air = Plausible(options.air_m_s), InAir(options.in_air_mm)
-    ignition = Ignition(bright=options.bright, above_background=options.above_background)
-    rules, cutting = Rules(ignition=ignition, plausible=plausible), Cutting(plausible.fastest_m_s)
-    run = kiln.KilnRun(detection, lance, wall, in_air, cutting=cutting, rules=rules)
-    return run, settings, notes
+    length, attributes, areas = len(recording), recording.attributes, options.detector == "otsu"
+    most = (length, *attributes.size)
+    ends = (options.frames or (0, length)) + (options.roi or (0, most[1], 0, most[2]))
+    if not all(a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)):
+        raise InputError(f"frames, roi: {ends} are not in {most}, or end before they begin.")
+    frames, deep = range(*ends[:2]), any(len(recording.frame(t).pixels) for t in spread(length, 5))
+    level = None if deep else mean_level(recording)
+    content = recording.content() if isinstance(recording, StoredRecording) else ""
+    seen = Prepared(recording, content, options.dark, level, options.roi)
+    given = [each for each in asdict(options).items() if each[0] not in EXPLAINED[deep:]]
+    rows = [("recording", attributes.name), *(("note", note) for note in attributes.notes)]
+    rows += [(name, f"{value}") for name, value in given if value not in (None, False)]
+    look = cache(lambda word: sample(seen, BACKGROUNDS[word]))
+    word, why = options.background, "given"
+    if word is None:
+        found = (_spots(look(name), 2) for name in BACKGROUNDS)  # lazy: a median takes time
+        rest = length < FEW_FRAMES or (not deep and more_rests(*found))
+        word, why = ("none", "more rests than moves") if rest else ("median", "more moves")
+        why = why if length >= FEW_FRAMES else f"only {length} frame(s)"
+    rows.append(("background", f"{word} ({why})"))
+    if level is not None:
+        rows.append(("light", f"every frame brought to a median of {level:g} grey values"))
+    enlarge, size = 1, options.size
+    if size is not None:
+        enlarge = 4 if size < 4 else 2 if size < 8 else 1
+    elif not (deep or areas):
+        enlarge = max(enlargement(look(word)), 1 + options.small)
+    rows += [("warning", d) for d in (() if deep else _doubts(seen, look(word), enlarge, areas))]
+    rows.append(("enlarged", f"{enlarge} times (by {'the size' if size else 'what finds most'})"))
+    threshold, why = options.threshold or 0.0, "given" if options.threshold else "from the noise"
+    if not threshold:
+        threshold = area_threshold(seen) if areas else noise_threshold(look(word), enlarge)
+    rows.append(("threshold", f"{threshold:g} grey values ({why})"))
+    single: DoG | Otsu = Otsu(threshold) if areas else DoG(threshold, enlarge=enlarge)
+    detector = Combination(single) if deep else Planar(single, size)
+    # Eight chunks show progress; below 25 frames the background's window outweighs a chunk.
+    part = min(kiln.CHUNK_FRAMES, max(25, -(-len(frames) // 8)))
+    what = seen, frames.start, frames.stop, detector, BACKGROUNDS[word], part
+    run = kiln.DetectionRun(*what, folder=Path())
+    return run, replace(options, background=word, threshold=threshold), rows
 
 
-def _uneven(recording: StoredRecording) -> list[str]:
-    """Return a note on intervals that differ from the frame rate by more than 1 %."""
-    rate = recording.attributes.frame_rate_hz
-    intervals = np.diff(recording.per_frame["time_s"]) * rate
-    return [
-        f"Frames are not evenly spaced: after frame {t} the next one comes {intervals[t]:.2f} "
-        f"intervals later. Times are counted as frames at {rate:g} Hz."
-        for t in np.flatnonzero(np.abs(intervals - 1.0) > 0.01)[:1]
-    ]
+def prepare(stored: StoredRecording, target: Path, options: Options) -> tuple[kiln.KilnRun, Rows]:
+    """Return the run of a stored recording, and its settings.
 
-
-def _geometry(
-    recording: StoredRecording, given: Vector | None, settings: Settings, notes: list[str]
-) -> tuple[Vector | None, Cylinder | None]:
-    """Return outlet of the lance and wall, None if unknown; add settings and notes."""
-    deep, attributes = np.flatnonzero(recording.per_frame["points"]), recording.attributes
-    if not len(deep):
-        notes.append(
-            "The recording has no depth: tracks are 2D. Trajectories, dwell times, velocities "
-            "and ignition times need depth and were not made."
-        )
-        return None, None
-    seen = deep[_spread(len(deep), 5)].tolist()
-    lance = _lance(replace(attributes, lance_mm=given or attributes.lance_mm))
-    settings["exit point mm"] = f"{listed(lance, 1)}, depth calibrated"
-    try:
-        wall = fitted_wall(recording, seen)
-    except InputError as error:
-        notes.append(
-            f"The kiln's wall was not found ({error}) What lies on it was tracked like what "
-            "flies; dwell times, velocities and ignition were not made."
-        )
-        return lance, None
-    settings["kiln's axis"] = f"{listed(wall.centre_mm, 0)} mm, {listed(wall.direction, 4)}"
-    settings["kiln's radius"] = f"{wall.radius_mm:.0f} mm"
-    place, size = place_in_picture(recording, seen, lance), attributes.size
-    if not all(0 <= at < n for at, n in zip(place, size, strict=True)):
-        notes.append(
-            f"The lance ends outside the picture, at row {place[0]:.0f} and column {place[1]:.0f} "
-            f"of {size[0]} x {size[1]} pixels: particles come into view later, and what they do "
-            "before is not seen. Is its outlet right (mm, as captured), and the depth_calibration?"
-        )
-    return lance, wall
-
-
-def listed(values: Sequence[float], digits: int) -> str:
-    """Return numbers with ``digits`` decimals, separated by commas."""
-    return ", ".join(f"{value:.{digits}f}" for value in values)
-
-
-def chunk_frames(frames: int) -> int:
-    """Return the frames of a chunk, the part of a recording that one worker writes to one file.
-
-    Eight chunks show progress and can be shared; fewer than 25 frames are not worth the window of
-    the background that each chunk reads again. Any number of workers makes the same files.
-
-    Examples
-    --------
-    >>> [chunk_frames(frames) for frames in (10, 1001, 24_000)]
-    [25, 126, 500]
+    Its motion is that of the kiln.
     """
-    return min(kiln.CHUNK_FRAMES, max(25, -(-frames // 8)))
+    detection, _, rows = choose(stored, options)
+    detection = replace(detection, folder=target.absolute() / "parts")
+    lance, wall = _geometry(stored, rows)
+    joined = lance is not None if options.post_processing is None else options.post_processing
+    rows.append(("post-processing", "as in chapter 4.2 of the thesis" if joined else "none"))
+    run = kiln.KilnRun(detection, lance, wall, InAir(options.in_air_mm), post_processing=joined)
+    return replace(run, management=Management(invisible=options.memory)), rows
 
 
-def noise_threshold(recording: Recording) -> float:
+def spread(length: int, number: int) -> list[int]:
+    """Return ``number`` indices, or all, spread evenly over a length."""
+    return np.unique(np.linspace(0, length - 1, number).round().astype(int)).tolist()
+
+
+def sample(recording: Recording, background: BackgroundModel) -> list[Single]:
+    """Return the foregrounds (rows, cols) of five frames of the median's first window."""
+    frames = spread(min(len(recording), 150), 5)
+    return [view.foreground for _, view in kiln.views(recording, frames, background)]
+
+
+def noise_threshold(foregrounds: Sequence[Single], enlarge: int = 1) -> float:
     """Return a threshold of DoG in grey values, five times the noise.
 
     Notes
@@ -222,58 +266,89 @@ def noise_threshold(recording: Recording) -> float:
     counts, and the median over frames. Five times the noise bounds its false alarms. Flicker of a
     flame is not noise of a pixel; a higher threshold may be better there.
     """
-    frames = _spread(min(len(recording), 150), 5)  # 150: the median's window
-    noise = [block_noise(view.foreground) for _, view in kiln.views(recording, frames)]
-    return round(5.0 * max(float(np.median(noise)), 1.0), 1)  # made-up pictures have no noise
+    noise = np.median([block_noise(_middle(each, enlarge), enlarge) for each in foregrounds])
+    return float(f"{5.0 * max(float(noise), LEAST_NOISE):.3g}")
 
 
-def block_noise(foreground: Single) -> float:
-    """Return the noise of a foreground's finest difference of Gaussians, in a noisy block."""
-    fine, coarse = (
-        cv2.GaussianBlur(foreground, (0, 0), np.sqrt(scale**2 - DoG().camera_blur ** 2))
-        for scale in (SIGMA_PX, SIGMA_PX * 2 ** (1 / LAYERS))
-    )
-    rows, cols = foreground.shape
-    size = min(32, rows, cols)
-    response = np.abs(fine - coarse)[: rows // size * size, : cols // size * size]
-    middle = np.median(view_as_blocks(response, (size, size)), axis=(2, 3))
-    return float(np.quantile(middle, 0.9)) * 1.4826
+def area_threshold(recording: Recording) -> float:
+    """Return a threshold of areas in grey values, four times the noise of a pixel."""
+    noise = [float(pixel_noise(recording.gray(t))) for t in spread(len(recording), 5)]
+    return float(f"{max(4 * np.median(noise), 1.0):.3g}")
 
 
-def _spread(length: int, number: int) -> list[int]:
-    """Return ``number`` indices, or all, spread evenly over a length."""
-    return np.unique(np.linspace(0, length - 1, number).round().astype(int)).tolist()
+def mean_level(recording: Recording) -> float | None:
+    """Return the level of the light if it changes by more than 1 % over the frames, else None."""
+    levels = [level_of(recording.gray(t)) for t in spread(len(recording), 30)]
+    mean = float(np.mean(levels))
+    return mean if np.std(levels) > 0.01 * mean else None
 
 
-def _lance(attributes: Attributes) -> Vector:
-    """Return the lance's outlet, depth calibrated."""
-    try:
-        lance = attributes.exit_point_mm
-    except InputError as error:
-        raise InputError(f"recording {attributes.name}: lance: {error}") from error
-    if lance is None:
-        raise InputError(
-            f"recording {attributes.name}: where the lance ends is not known. Give --exit-point "
-            "X Y Z (mm, camera coordinates as captured), or lance_mm in its manifest."
-        )
-    return lance
+def level_of(gray: npt.NDArray[Any]) -> float:
+    """Return the median grey value of every fourth pixel of every fourth row."""
+    return float(np.median(gray[::4, ::4]))
 
 
-def place_in_picture(
-    recording: Recording, frames: Sequence[int], point_mm: Vector
-) -> tuple[float, float]:
-    """Return row and column of a point in space, also outside the picture.
+def enlargement(foregrounds: Sequence[Single]) -> int:
+    """Return how many times its size a picture is searched: more where that finds twice as many.
 
-    A recording holds no focal length, but its points have pixels. A pinhole camera projects
-    linearly in x/z and y/z; both lines are fitted to the clouds of some frames.
+    Spots count from twice the threshold on; noise and the ground seldom reach that.
     """
-    places = np.concatenate([calibrated_cloud(recording, t) for t in frames])
-    pixels = np.concatenate([recording.frame(t).pixels for t in frames])
-    x, y, z = places.T
-    x0, y0, z0 = point_mm
-    row = np.polynomial.Polynomial.fit(y / z, pixels[:, 0], 1)(y0 / z0)
-    col = np.polynomial.Polynomial.fit(x / z, pixels[:, 1], 1)(x0 / z0)
-    return float(row), float(col)
+    best, most = 1, 0
+    for times in (1, 2, 4):
+        strengths = np.concatenate(_spots(foregrounds, times))[:, 3]
+        count = int((strengths > 2 * noise_threshold(foregrounds, times)).sum())
+        if count > 2 * most:
+            best, most = times, count
+    return best
+
+
+def _doubts(seen: Recording, looks: Sequence[Single], times: int, by_area: bool) -> Iterator[str]:
+    """Yield warnings on frames that shake and on particles that are no round spots.
+
+    In a short film slow particles look like a ground that shakes.
+    """
+    if len(seen) >= 4 * FEW_FRAMES and (shake := shaken_px(seen)) > SHAKE_PX:
+        yield SHAKEN.format(shake)
+    find = Otsu(area_threshold(seen))
+    areas, spots = [find(_middle(each, times)) for each in looks], _spots(looks, times)
+    radii = [np.median([0.0, *np.concatenate(found)[:, 2]]) for found in (areas, spots)]
+    if radii[0] > 1.5 * radii[1] and not by_area:
+        yield LONG.format(*radii)
+
+
+def _spots(foregrounds: Sequence[Single], enlarge: int) -> list[Array]:
+    """Return row, col, radius and strength (n, 4) of the spots in the middle of pictures."""
+    detector = DoG(noise_threshold(foregrounds, enlarge), enlarge=enlarge)
+    return [detector.graded(_middle(each, enlarge)) for each in foregrounds]
+
+
+def _middle(picture: Single, enlarge: int) -> Single:
+    """Return the middle of a picture that is `MIDDLE_PX` at most when enlarged."""
+    rows, cols = (most // enlarge for most in MIDDLE_PX)
+    top, left = max(picture.shape[0] - rows, 0) // 2, max(picture.shape[1] - cols, 0) // 2
+    return np.ascontiguousarray(picture[top : top + rows, left : left + cols])
+
+
+def _geometry(recording: StoredRecording, rows: Rows) -> tuple[Vector | None, Cylinder | None]:
+    """Return outlet of the lance and wall, None if unknown; add to the settings."""
+    deep, lance = np.flatnonzero(recording.per_frame["points"]), recording.attributes.exit_point_mm
+    if not len(deep):
+        rows.append(("note", "without depth: tracks in the picture, no flights"))
+        return None, None
+    if lance is None:
+        rows.append(("note", "no flights without the lance's outlet: lance_mm in a manifest"))
+    else:
+        rows.append(("lance", f"{np.round(lance, 1)} mm, depth calibrated"))
+    try:
+        wall = fitted_wall(recording, deep[spread(len(deep), 5)].tolist())
+    except InputError as error:
+        rows.append(
+            ("note", f"no flights, as no wall was found: {error} What lies on it is tracked.")
+        )
+        return lance, None
+    axis = f"{np.round(wall.centre_mm)} mm, {np.round(wall.direction, 4)}"
+    rows.append(("kiln", f"radius {wall.radius_mm:.0f} mm, axis {axis}"))
+    return lance, wall
 
 
 def fitted_wall(recording: Recording, frames: Sequence[int]) -> Cylinder:

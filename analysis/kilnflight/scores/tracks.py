@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from kilnflight.arrays import Array, Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number
-from kilnflight.tables import order_tracks, with_pixels
+from kilnflight.tables import order_tracks, plain, with_pixels
 
 TIE = 1e-9  # gates; smaller gains over the dummy are rounding: a tie, which is no pair
 
@@ -191,8 +191,7 @@ def _read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> lis
     The order does not depend on the rows or on the numbers of particles, and decides between
     equally good assignments. ``columns`` name the coordinates, ``where`` the table in errors.
     """
-    check_columns(table, ["frame", "particle"], where)
-    table = with_pixels(table) if {"row", "col"} <= set(columns) else table
+    table = with_pixels(table) if {"row", "col"} <= set(columns) else plain(table)
     check_columns(table, columns, where)
     order, particle, frame = order_tracks(table, where)
     axes = [check_finite(table[name].to_numpy()[order], f"{where}, {name}") for name in columns]

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from tqdm import tqdm
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
 from kilnflight.checks import check_columns, check_finite, check_number, check_whole, known_numbers
-from kilnflight.tables import TO_TRACK, with_pixels
+from kilnflight.tables import TO_TRACK, plain, with_pixels
 from kilnflight.tracking.filter import (
     ConstantVelocity,
     Detected,
@@ -98,6 +99,7 @@ def track(
     motion: Motion = _MOTION,
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Return ``detections`` with the column ``particle``, the number of the track.
 
@@ -111,6 +113,8 @@ def track(
         are carried along.
     associator, motion, gate, management
         Association of a frame, motion of particles, limits of distance, end of tracks.
+    progress
+        Whether to show a bar in a terminal.
 
     Returns
     -------
@@ -140,10 +144,15 @@ def track(
     Within a frame, detections are sorted by row, col, z, points, so neither tracks nor ids
     depend on the order of the table.
     """
+    detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
     shared = list[tuple[Integers, Integers, Array]]()
-    for step in steps(detections, associator, motion, gate, management):
+    each, hidden = (
+        steps(detections, associator, motion, gate, management),
+        None if progress else True,
+    )
+    for step in tqdm(each, "tracking", detections["frame"].nunique(), unit="frame", disable=hidden):
         rows, recorded = step.detected.rows, np.flatnonzero(step.owner >= 0)
         particle[rows] = step.particle
         shares = step.weights[step.owner[recorded], 1:]
@@ -193,11 +202,11 @@ def steps(
     def associate(tracks: Tracks, detected: Detected, pairs: Pairs) -> Any:
         return associator(pairs), {}, {}
 
-    frames = _read(detections)
+    frames = read_detections(detections)
     yield from follow(frames, motion, gate, associate, management.keeps, used=management.used)
 
 
-def _read(table: pd.DataFrame) -> Iterator[Detected]:
+def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     """Yield the detections of each frame that has any, by ascending frame.
 
     Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in px in place

@@ -1,0 +1,93 @@
+"""Steps, neighbours and mean square displacement of tracks; no truth is needed."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+
+from kilnflight.arrays import Array
+
+LONGEST_LAG = 100  # frames
+TRY = (
+    "Try --detector otsu for long ones, --dark, --background none for resting ones, or a lower "
+    "--threshold; `kilnflight preview` shows what is found."
+)
+FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
+FASTER = "Links are doubtful; record faster, or raise --threshold."
+PAIRS = 30  # fewer displacements make no mean
+
+
+def square_displacements(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the mean square displacement by lag, after the common drift is taken off.
+
+    Parameters
+    ----------
+    tracks
+        Columns particle, frame, row, col (px); every row in a track.
+
+    Returns
+    -------
+    DataFrame
+        lag (frames), square_px2, pairs: up to a quarter of the frames and `LONGEST_LAG`.
+    """
+    placed = tracks.sort_values(["particle", "frame"])[["particle", "frame", "row", "col"]]
+    steps = placed.diff()
+    single = (steps["particle"] == 0) & (steps["frame"] == 1)
+    drift = steps[single].groupby(placed["frame"][single])[["row", "col"]].mean()
+    frames = np.unique(placed["frame"].to_numpy(np.int64))
+    drift = drift.reindex(frames).interpolate(limit_direction="both").fillna(0.0)  # over gaps
+    drift = drift.mul(np.diff(frames, prepend=frames[:1]), axis=0).cumsum()
+    places = placed[["row", "col"]].to_numpy() - drift.loc[placed["frame"]].to_numpy()
+    moved = placed.assign(row=places[:, 0], col=places[:, 1])
+    rows = []
+    for lag in range(1, min(LONGEST_LAG, len(frames) // 4) + 1):
+        both = moved.merge(moved.assign(frame=moved["frame"] + lag), on=["particle", "frame"])
+        if len(both) < PAIRS:
+            break
+        square = (both["row_x"] - both["row_y"]) ** 2 + (both["col_x"] - both["col_y"]) ** 2
+        rows.append((lag, square.mean(), len(both)))
+    return pd.DataFrame(rows, columns=["lag", "square_px2", "pairs"])
+
+
+def diffusion(displacements: pd.DataFrame, lags: int = 10) -> tuple[float, float]:
+    """Return D in px^2 a frame and the square of the error of a position in px^2.
+
+    The first ``lags`` of `square_displacements` are fitted by 4 D lag + 4 error^2, by least
+    squares; noise can make the second one negative.
+    """
+    first = displacements.head(lags)
+    offset, slope = (
+        np.polynomial.Polynomial.fit(first["lag"], first["square_px2"], 1).convert().coef
+    )
+    return float(slope) / 4, float(offset) / 4
+
+
+def speeds(tracks: pd.DataFrame) -> Array:
+    """Return the speed (n,) in px/frame of each step; columns particle, frame, row, col."""
+    ordered = tracks.sort_values(["particle", "frame"])[["particle", "frame", "row", "col"]].diff()
+    steps = ordered[ordered["particle"] == 0]
+    return np.asarray(np.hypot(steps["row"], steps["col"]) / steps["frame"])
+
+
+def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
+    """Return the median distance of nearest neighbours in some frames; inf without neighbours."""
+    places = [at[["row", "col"]].to_numpy(float) for _, at in detections.groupby("frame")]
+    some = [each for each in places[:: 1 + len(places) // frames] if len(each) > 1]
+    apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
+    return float(np.median(np.concatenate(apart))) if apart else np.inf
+
+
+def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
+    """Yield warnings of missing or doubtful tracks, each with what to change.
+
+    ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col (px).
+    """
+    linked = tracks[tracks["particle"] >= 0]
+    if tracks.empty:
+        yield f"Nothing was detected. {TRY}"
+    elif 2 * len(linked) < len(tracks):
+        yield f"Only {len(linked)} of {len(tracks)} detections are in tracks. {FOLLOW}"
+    steps, apart = speeds(linked), neighbour_px(tracks)
+    if len(steps) and (step := float(np.median(steps))) > apart / 2:
+        yield f"Steps of {step:.1f} px exceed half of {apart:.1f} px between neighbours. {FASTER}"
