@@ -19,6 +19,9 @@ recording = ""  # film, folder, pattern or array of yours; empty: the simulated 
 detector = "dog"  # round spots, or "otsu" for areas of any form
 
 # %%
+import io
+from contextlib import redirect_stdout
+
 import numpy as np
 import pandas as pd
 
@@ -74,7 +77,8 @@ figures.save("own-film-preview", shown, caption=caption, provenance=origin, pict
 # The summary says which settings were taken, and why.
 
 # %%
-tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
+with redirect_stdout(io.StringIO()):  # the summary is shown below
+    tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
 detections, tracks = tables["detections"], tables["tracks"]
 index = np.asarray(film.index if hasattr(film, "index") else film.per_frame["index"])
 drawn = dict(pictures(film, detections, tracks, index - index[0]))

@@ -20,7 +20,7 @@ KINDS = {
     "nearly resting": ({"drift": (0, 0), "diffusion": 0.1}, {}, 0.9, ""),
     "faint in 16 bit": ({"amplitude": 10, "base": 500, "dtype": np.uint16}, {}, 0.9, ""),
     "flicker": ({"flicker": 0.05, "base": 150, "amplitude": 40}, {}, 0.9, "brought to"),
-    "shaking texture": ({"texture": 10, "shake": 1.0}, {}, 0.8, "moves by"),
+    "shaking texture": ({"texture": 10, "shake": 1.0, "frames": 25}, {}, 0.8, "moves by"),
     "discs": ({"kind": "disc", "size": 5}, {"size": 10}, 0.9, ""),
     "discs by area": ({"kind": "disc", "size": 5, "frames": 25}, OTSU, 0.9, ""),
     "rings": ({"kind": "ring", "size": 4}, {"size": 8}, 0.9, ""),

@@ -61,12 +61,13 @@ def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion
     turned = np.hypot(*np.concatenate(changes).T)
     spread = np.quantile(apart, 0.9) / 2.15 if len(apart) else ConstantVelocity().spreads[1]
     change = np.quantile(turned, 0.9) / 2.15 if len(turned) else spread
-    inert = change <= spread or not len(turned)
+    if inert := change <= spread or not len(turned):  # a few may be much slower than the rest
+        spread = max(spread, np.quantile(apart, 0.99) / 3.03) if len(apart) else spread
     spread = spread if max_step is None else max_step / Gate().distance
-    spread, noise = (float(f"{max(value, 0.1):.3g}") for value in (spread, min(change, spread)))
-    down, right = flow.round(2).tolist()
+    change = min(change, spread) if inert else spread
+    spread, noise = (float(f"{max(value, 0.1):.3g}") for value in (spread, change))
     kind, of_velocity = (Motion, spread) if inert else (Wandering, 1e-3)
-    return kind((down, right), (max(noise / 4, 0.3), of_velocity), noise)
+    return kind(tuple(flow.round(2).tolist()), (max(noise / 4, 0.3), of_velocity), noise)
 
 
 class Wandering(Motion):

@@ -121,6 +121,7 @@ def run_recording(
         If the recording cannot be used, or a file cannot be written, as on a full disk.
     """
     given, recording = Options(**options), open_any(source)
+    given.check(recording)
     target = Path(target or f"{recording.attributes.name}-run")
     if target.resolve().is_relative_to(getattr(recording, "path", target / "parts").resolve()):
         raise InputError(f"{target}: lies in the recording. Give another folder to write to.")
@@ -131,8 +132,7 @@ def run_recording(
     if not kiln_run.post_processing or given.max_step:
         motion = motion_of(kiln_run.detection.detections(), given.max_step)
         kiln_run = replace(kiln_run, motion=motion)
-        facts = f"spread {motion.spreads[1]:g}, change in a frame {motion.noise:g}"
-        rows.append(("motion", f"{motion.velocity} px/frame down, right; {facts} (from links)"))
+        rows.append(("motion", f"{motion.velocity} px down, right; change {motion.noise:g} px"))
     kiln.make_tables([kiln_run], workers)
     tables = {"detections": kiln_run.detection.detections()}
     tables |= {step: kiln_run.table(step)() for step in KILN_STEPS}
@@ -167,9 +167,11 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
-    kept = {name: table for name, table in tables.items() if len(table) or name in ALWAYS}
-    contents = {f"{name}.parquet": table.to_parquet(index=False) for name, table in kept.items()}
-    contents |= {f"{n}.csv": tables[n].to_csv(index=False).encode() for n in ("tracks", "summary")}
+    names = [name for name in ("detections", *KILN_STEPS) if len(tables[name]) or name in ALWAYS]
+    contents = {f"{name}.parquet": tables[name].to_parquet(index=False) for name in names}
+    for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
+        known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
+        contents[f"{name}.csv"] = known.to_csv(index=False).encode()
     drawn = pictures(recording, tables["detections"], tables["tracks"], frames)
     contents |= {f"{name}.png": png(figure) for name, figure in drawn}
     with locked(folder):

@@ -82,24 +82,25 @@ def preview(source: Any, **options: Any) -> Figure:
     They are half, once and twice the threshold that a run takes; arguments as for
     `kilnflight.detect`.
     """
-    recording = open_any(source)
-    run, given, _ = choose(recording, Options(**options))
+    first = (recording := open_any(source)).frame(0).index
+    run, given, rows = choose(recording, Options(**options))
     frames = [run.start + k for k in spread(run.stop - run.start, PREVIEW_FRAMES)]
     seen = list(kiln.views(run.source.recording(), frames, run.background))
     height = 8.0 + style.PAGE_MM / 3 * recording.attributes.rows / recording.attributes.columns
-    shape = {"width_mm": style.PAGE_MM, "height_mm": height * len(frames)}
+    shape = {"width_mm": style.PAGE_MM, "height_mm": 5.0 + height * len(frames)}
     figure, grid = style.canvas(len(frames), len(PREVIEW_STEPS), **shape)
+    warnings = [text for what, text in rows if what == "warning"]
+    figure.suptitle("\n".join(warnings), fontsize=6, color=style.COLOURS[1])
     single: Any = run.detector.detector
     for k, step in enumerate(PREVIEW_STEPS):
         threshold = step * (given.threshold or 0.0)
         finder = replace(single, **{fields(single)[0].name: threshold})
         detector: Any = replace(run.detector, detector=finder)
         for axes, (t, view) in zip(grid[:, k], seen, strict=True):
-            found = detector(view, run.source.recording().attributes.roi, frame=t)
-            style.draw_frame(axes, view.gray, 1)
-            style.draw_circles(
-                axes, found[["row", "col", "radius_px"]].to_numpy(), style.COLOURS[1]
-            )
-            axes.set_title(f"frame {t}, threshold {threshold:.3g}: {len(found)}")
+            found = detector(view, run.source.recording().attributes.roi)
+            style.draw_frame(axes, recording.gray(t), 1)
+            style.draw_circles(axes, found.iloc[:, 1:4].to_numpy(), style.COLOURS[1])
+            title = f"frame {view.number - first}, threshold {threshold:.3g}: {len(found)}"
+            axes.set_title(title, fontsize=6)
             axes.label_outer()
     return figure

@@ -43,7 +43,7 @@ LONG = (
 SHAKE_PX = 0.5  # above it edges of a textured ground stand out
 LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
 BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
-MIDDLE_PX = 3072, 4096  # rows and columns of the enlarged picture in which settings are tried
+MIDDLE_PX = 2048, 3072  # rows and columns of the enlarged picture in which settings are tried
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 
 
@@ -99,6 +99,7 @@ class Options:
     in_air_mm: float = 800.0  # sec. 5.1.4
 
     def __post_init__(self) -> None:
+        check_number(self.memory, "memory", least=0, whole=True)
         for name in ("threshold", "size", "max_step", "in_air_mm"):
             if (value := getattr(self, name)) is not None:
                 check_number(value, name, above=0)
@@ -111,6 +112,13 @@ class Options:
         for name, known in {"detector": ("dog", "otsu"), "background": BACKGROUNDS}.items():
             if getattr(self, name) not in (None, *known):
                 raise InputError(f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}.")
+
+    def check(self, recording: Recording) -> None:
+        """Raise an `InputError` if frames or region are not in the recording."""
+        most = (len(recording), *recording.attributes.size)
+        ends = (self.frames or (0, most[0])) + (self.roi or (0, most[1], 0, most[2]))
+        if not all(a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)):
+            raise InputError(f"frames and roi: {ends} end before they begin, or beyond {most}.")
 
 
 @dataclass(frozen=True)
@@ -187,12 +195,10 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     InputError
         If frames or region are not in the recording.
     """
+    options.check(recording)
     length, attributes, areas = len(recording), recording.attributes, options.detector == "otsu"
-    most = (length, *attributes.size)
-    ends = (options.frames or (0, length)) + (options.roi or (0, most[1], 0, most[2]))
-    if not all(a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)):
-        raise InputError(f"frames, roi: {ends} are not in {most}, or end before they begin.")
-    frames, deep = range(*ends[:2]), any(len(recording.frame(t).pixels) for t in spread(length, 5))
+    frames = range(*options.frames or (length,))
+    deep = any(len(recording.frame(t).pixels) for t in spread(length, 5))
     level = None if deep else mean_level(recording)
     content = recording.content() if isinstance(recording, StoredRecording) else ""
     seen = Prepared(recording, content, options.dark, level, options.roi)
@@ -200,11 +206,11 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     rows = [("recording", attributes.name), *(("note", note) for note in attributes.notes)]
     rows += [(name, f"{value}") for name, value in given if value not in (None, False)]
     look = cache(lambda word: sample(seen, BACKGROUNDS[word]))
+    spots = cache(lambda word, times: _spots(look(word), times))
     word, why = options.background, "given"
     if word is None:
-        found = (_spots(look(name), 2) for name in BACKGROUNDS)  # lazy: a median takes time
-        rest = length < FEW_FRAMES or (not deep and more_rests(*found))
-        word, why = ("none", "more rests than moves") if rest else ("median", "more moves")
+        rest = length < FEW_FRAMES or (not deep and more_rests(*(spots(w, 2) for w in BACKGROUNDS)))
+        word, why = ("none", "most rests") if rest else ("median", "most moves")
         why = why if length >= FEW_FRAMES else f"only {length} frame(s)"
     rows.append(("background", f"{word} ({why})"))
     if level is not None:
@@ -213,9 +219,11 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     if size is not None:
         enlarge = 4 if size < 4 else 2 if size < 8 else 1
     elif not (deep or areas):
-        enlarge = max(enlargement(look(word)), 1 + options.small)
-    rows += [("warning", d) for d in (() if deep else _doubts(seen, look(word), enlarge, areas))]
-    rows.append(("enlarged", f"{enlarge} times (by {'the size' if size else 'what finds most'})"))
+        one, two, four = (sum(map(len, spots(word, times))) for times in (1, 2, 4))
+        enlarge = 4 if four > 2 * max(one, two) else 2 if two > 2 * one or options.small else 1
+        rows.append(("enlarged", f"{enlarge} times (spots: {one}, 2 times {two}, 4 times {four})"))
+    if not (deep or areas):
+        rows += [("warning", doubt) for doubt in _doubts(seen, look(word), spots(word, enlarge))]
     threshold, why = options.threshold or 0.0, "given" if options.threshold else "from the noise"
     if not threshold:
         threshold = area_threshold(seen) if areas else noise_threshold(look(word), enlarge)
@@ -288,31 +296,17 @@ def level_of(gray: npt.NDArray[Any]) -> float:
     return float(np.median(gray[::4, ::4]))
 
 
-def enlargement(foregrounds: Sequence[Single]) -> int:
-    """Return how many times its size a picture is searched: more where that finds twice as many.
-
-    Spots count from twice the threshold on; noise and the ground seldom reach that.
-    """
-    best, most = 1, 0
-    for times in (1, 2, 4):
-        strengths = np.concatenate(_spots(foregrounds, times))[:, 3]
-        count = int((strengths > 2 * noise_threshold(foregrounds, times)).sum())
-        if count > 2 * most:
-            best, most = times, count
-    return best
-
-
-def _doubts(seen: Recording, looks: Sequence[Single], times: int, by_area: bool) -> Iterator[str]:
+def _doubts(seen: Recording, looks: Sequence[Single], spots: Sequence[Array]) -> Iterator[str]:
     """Yield warnings on frames that shake and on particles that are no round spots.
 
     In a short film slow particles look like a ground that shakes.
     """
-    if len(seen) >= 4 * FEW_FRAMES and (shake := shaken_px(seen)) > SHAKE_PX:
+    if len(seen) >= 3 * FEW_FRAMES and (shake := shaken_px(seen)) > SHAKE_PX:
         yield SHAKEN.format(shake)
     find = Otsu(area_threshold(seen))
-    areas, spots = [find(_middle(each, times)) for each in looks], _spots(looks, times)
+    areas = [find(_middle(each, 2)) for each in looks]
     radii = [np.median([0.0, *np.concatenate(found)[:, 2]]) for found in (areas, spots)]
-    if radii[0] > 1.5 * radii[1] and not by_area:
+    if radii[0] > 1.5 * radii[1]:
         yield LONG.format(*radii)
 
 
@@ -333,7 +327,6 @@ def _geometry(recording: StoredRecording, rows: Rows) -> tuple[Vector | None, Cy
     """Return outlet of the lance and wall, None if unknown; add to the settings."""
     deep, lance = np.flatnonzero(recording.per_frame["points"]), recording.attributes.exit_point_mm
     if not len(deep):
-        rows.append(("note", "without depth: tracks in the picture, no flights"))
         return None, None
     if lance is None:
         rows.append(("note", "no flights without the lance's outlet: lance_mm in a manifest"))

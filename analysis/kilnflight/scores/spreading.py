@@ -83,11 +83,11 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
 
     ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col (px).
     """
-    linked = tracks[tracks["particle"] >= 0]
+    linked = tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
     if tracks.empty:
         yield f"Nothing was detected. {TRY}"
     elif 2 * len(linked) < len(tracks):
-        yield f"Only {len(linked)} of {len(tracks)} detections are in tracks. {FOLLOW}"
+        yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
     steps, apart = speeds(linked), neighbour_px(tracks)
     if len(steps) and (step := float(np.median(steps))) > apart / 2:
         yield f"Steps of {step:.1f} px exceed half of {apart:.1f} px between neighbours. {FASTER}"
