@@ -94,6 +94,7 @@ figures.save(
 
 # %%
 linked = tracked(tracks)
+linked = linked[linked.duplicated("particle", keep=False)]  # a single detection is no track
 lines = linked[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"]).round(1)
 caption = "Tracks on the first frame of a film, each in a colour of its own; positions in px."
 figures.save("own-film-tracks", lines, caption=caption, provenance=origin, picture=drawn["tracks"])
