@@ -89,7 +89,6 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight import run
 
     workers = run.Workers(options.jobs, options.scheduler, into_logs=True)
-    print("Settings are chosen from a few frames.", flush=True)
     run.run_recording(_opened(options), options.to, workers, **_settings(options))
 
 
