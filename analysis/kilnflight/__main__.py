@@ -80,8 +80,8 @@ def _track(options: argparse.Namespace) -> None:
     table, associator = read_table(options.detections), JPDA() if options.jpda else GNN()
     tracks = run.track_detections(table, associator, progress=True, **_settings(options))
     write_table(tracks, options.tracks, options.format)
-    linked = tracks.loc[tracks["particle"] >= 0, "particle"]
-    found = f"{linked.nunique()} tracks with {len(linked)} of {len(tracks)} detections"
+    linked = tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
+    found = f"{linked.particle.nunique()} tracks with {len(linked)} of {len(tracks)} detections"
     print(found, *(f"warning: {doubt}" for doubt in run.doubtful_links(tracks)), sep="\n")
 
 
@@ -103,13 +103,13 @@ ARGUMENTS: dict[str, Any] = {
     "--background": {"help": "median of the frames around, or none (default: what fits)"},
     "--threshold": _NUMBER | {"metavar": "GREY", "help": "default: from the noise"},
     "--dark": _SWITCH | {"help": "particles are darker than the background"},
-    "--small": _SWITCH | {"help": "search pictures at twice their size (default: what finds more)"},
-    "--size": _NUMBER | {"metavar": "PX", "help": "diameter of the particles, for --small"},
+    "--small": _SWITCH | {"help": "search at least at twice the size (default: what finds most)"},
+    "--size": _NUMBER | {"metavar": "PX", "help": "diameter of the particles, in place of --small"},
     "--roi": _WHOLE | {"nargs": 4, "metavar": "N", "help": "rows from, to; columns from, to"},
     "--frames": _WHOLE | {"nargs": 2, "metavar": ("A", "B"), "help": "A to B, B left out"},
     "--max-step": _NUMBER | {"metavar": "PX", "help": "longest step in a frame"},
     "--memory": _WHOLE | {"metavar": "N", "help": "frames that a track may miss (default: 5)"},
-    "--post-processing": _BOTH | {"help": "join and filter as the thesis (default: with depth)"},
+    "--post-processing": _BOTH | {"help": "join and filter tracks (default: with depth and lance)"},
     "--in-air": _NUMBER | {"metavar": "MM", "dest": "in_air_mm", "help": "from the kiln's axis"},
     "--jobs": _WHOLE | {"default": 1, "help": "processes side by side (default: 1)"},
     "--scheduler": {"metavar": "ADDRESS", "help": "Dask cluster that detects in their place"},

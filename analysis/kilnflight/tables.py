@@ -115,7 +115,7 @@ BELT_PREDICTED = Table(
 VALVE_EVENTS = Table(
     "valve events",
     Column("valve", int, "1", "counted from 0 at y = 0"),
-    *_by_axis(("open", "close"), "{}_s", float, "s", "that command; the air follows it, late"),
+    *_by_axis(("open", "close"), "{}_s", float, "s", "time of that command; the air comes later"),
 )
 
 BELT_SPOTS = Table(

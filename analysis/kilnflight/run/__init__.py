@@ -1,6 +1,6 @@
 """A recording of one's own: open, detect, track and plot it, or run all steps.
 
-recording + `Options` -> `prepare` -> `kilnflight.kiln` -> `RunResults` -> tables, summary, pictures
+recording + `Options` -> `prepare` -> `kilnflight.kiln` -> tables, summary, pictures
 
 `kilnflight.open`, `detect`, `track` and `plot_tracks` are the same steps in Python, and
 ``kilnflight.run(film, "results")`` is all of them.

@@ -1,6 +1,6 @@
-"""Options and recording -> `KilnRun`: threshold, lance, wall and notes for the reader.
+"""Options and recording -> `KilnRun`, with all settings, warnings and notes for the reader.
 
-Missing options are estimated from the recording, with a note.
+`choose` estimates from some frames what is not given; `prepare` adds lance and wall.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ LONG = (
     "Areas have a radius of {:.1f} px, round spots {:.1f} px: for long or large particles try "
     "--detector otsu; `kilnflight preview` shows what it finds."
 )
+REASON = ("from the noise", "from the noise, at least that of the thesis")  # without, with depth
 SHAKE_PX = 0.5  # above it edges of a textured ground stand out
 LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
 BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
@@ -187,8 +188,9 @@ class Prepared:
 def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, Options, Rows]:
     """Return how a recording is detected: what is given, and else what the frames tell.
 
-    Recordings with depth are taken as the thesis takes them: median and combined detector. The
-    options come back with background and threshold.
+    Recordings with depth are taken as the thesis takes them: median, combined detector and at least
+    its threshold (section 5.1.2), which is scaled by the brightest pixel. The options come back
+    with background and threshold.
 
     Raises
     ------
@@ -197,7 +199,7 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     """
     options.check(recording)
     length, attributes, areas = len(recording), recording.attributes, options.detector == "otsu"
-    frames = range(*options.frames or (length,))
+    start, stop = options.frames or (0, length)
     deep = any(len(recording.frame(t).pixels) for t in spread(length, 5))
     level = None if deep else mean_level(recording)
     content = recording.content() if isinstance(recording, StoredRecording) else ""
@@ -224,16 +226,16 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
         rows.append(("enlarged", f"{enlarge} times (spots: {one}, 2 times {two}, 4 times {four})"))
     if not (deep or areas):
         rows += [("warning", doubt) for doubt in _doubts(seen, look(word), spots(word, enlarge))]
-    threshold, why = options.threshold or 0.0, "given" if options.threshold else "from the noise"
+    threshold, why = options.threshold or 0.0, "given" if options.threshold else REASON[deep]
     if not threshold:
         threshold = area_threshold(seen) if areas else noise_threshold(look(word), enlarge)
+        threshold = max(threshold, deep * DoG().threshold * float(seen.gray(start).max()) / WHITE)
     rows.append(("threshold", f"{threshold:g} grey values ({why})"))
     single: DoG | Otsu = Otsu(threshold) if areas else DoG(threshold, enlarge=enlarge)
     detector = Combination(single) if deep else Planar(single, size)
     # Eight chunks show progress; below 25 frames the background's window outweighs a chunk.
-    part = min(kiln.CHUNK_FRAMES, max(25, -(-len(frames) // 8)))
-    what = seen, frames.start, frames.stop, detector, BACKGROUNDS[word], part
-    run = kiln.DetectionRun(*what, folder=Path())
+    part = min(kiln.CHUNK_FRAMES, max(25, -(-(stop - start) // 8)))
+    run = kiln.DetectionRun(seen, start, stop, detector, BACKGROUNDS[word], part, Path())
     return run, replace(options, background=word, threshold=threshold), rows
 
 

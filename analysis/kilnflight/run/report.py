@@ -43,9 +43,8 @@ def summarise_recording(recording: Recording) -> pd.DataFrame:
     if top & (top + 1) == 0 and saturated > 0.1:  # all bits of the largest are 1
         facts.append(("warning", f"{saturated:.2f} % of the pixels are {top}: saturated?"))
     if points.any():
-        known = attributes.depth_calibration
-        true = "true, as no depth_calibration is stated" if known is None else "as captured"
-        facts.append(("depth", "{:.0f} to {:.0f} mm, ".format(*ends) + true))
+        how = "no calibration stated" if attributes.depth_calibration is None else "as captured"
+        facts.append(("depth", "{:.0f} to {:.0f} mm, ".format(*ends) + how))
         if not (PLAUSIBLE_DEPTH_MM[0] < ends[0] and ends[1] < PLAUSIBLE_DEPTH_MM[1]):
             facts.append(("warning", "depths: is the unit right, is the invalid value?"))
     return pd.DataFrame(facts, columns=["what", "value"])
@@ -88,7 +87,7 @@ def summary(tables: Tables) -> dict[str, str]:
     dwell = counted.loc[counted["ending"] != LOST, "dwell_s"]  # lost: no dwell time (A.1)
     if len(dwell):
         median, *ends = median_interval(dwell, np.random.default_rng(0))[:3]
-        rows["dwell time, median"] = f"{median:.3f} {np.round(ends, 3)} s"
+        rows["dwell time, median"] = f"{median:.3f} s {np.round(ends, 3) if len(dwell) > 5 else ''}"
     counts = {"refused": flights["refused"], "ending": counted["ending"]}
     for name, values in (counts | {"ignition": counted["ignition"]}).items():
         rows |= {f"{name}: {why}": f"{n}" for why, n in values.value_counts().items() if why}
