@@ -29,8 +29,7 @@ import kilnflight
 from kilnflight.project import figures, paths, style
 from kilnflight.run.pictures import pictures
 from kilnflight.scores import rates, score_detections, score_tracks
-from kilnflight.scores.spreading import diffusion, speeds, square_displacements
-from kilnflight.tracklets import tracked
+from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.twin import scenes, truth
 
 style.use_style()
@@ -93,8 +92,7 @@ figures.save(
 )
 
 # %%
-linked = tracked(tracks)
-linked = linked[linked.duplicated("particle", keep=False)]  # a single detection is no track
+linked = followed(tracks)  # a single detection is no track
 lines = linked[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"]).round(1)
 caption = "Tracks on the first frame of a film, each in a colour of its own; positions in px."
 figures.save("own-film-tracks", lines, caption=caption, provenance=origin, picture=drawn["tracks"])
@@ -123,8 +121,9 @@ spreading, name = square_displacements(linked), "mean-square-displacement"
 shown = "Too few links for a mean square displacement."
 if name in drawn:
     caption = (
-        "Mean square displacement of the tracks of a film, without the common drift. The line is "
-        f"the fit of the first ten lags: diffusion of {diffusion(spreading)[0]:.3g} px² a frame."
+        "Mean square displacement of the tracks of a film, without the common drift. The line fits "
+        f"the first ten lags ({diffusion(spreading)[0]:.3g} px² a frame); it means diffusion only "
+        "where the points follow it."
     )
     known = {"caption": caption, "provenance": origin}
     shown = figures.save("own-film-displacement", spreading, **known, picture=drawn[name])

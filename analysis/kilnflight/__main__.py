@@ -80,7 +80,7 @@ def _track(options: argparse.Namespace) -> None:
     table, associator = read_table(options.detections), JPDA() if options.jpda else GNN()
     tracks = run.track_detections(table, associator, progress=True, **_settings(options))
     write_table(tracks, options.tracks, options.format)
-    linked = tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
+    linked = run.followed(tracks)
     found = f"{linked.particle.nunique()} tracks with {len(linked)} of {len(tracks)} detections"
     print(found, *(f"warning: {doubt}" for doubt in run.doubtful_links(tracks)), sep="\n")
 

@@ -29,14 +29,14 @@ from kilnflight.recording.store import StoredRecording, open_recording, write_re
 from kilnflight.run.pictures import pictures, plot_tracks, png, preview
 from kilnflight.run.preparation import Options, choose, fitted_wall, prepare
 from kilnflight.run.report import Tables, aligned, doubts, summary
-from kilnflight.scores.spreading import doubtful_links
+from kilnflight.scores.spreading import doubtful_links, followed
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
-__all__ = ["Options", "Workers", "detect", "doubtful_links", "fitted_wall", "open_any"]
-__all__ += ["plot_tracks", "preview", "run_recording", "track_detections"]
+__all__ = ["Options", "Workers", "detect", "doubtful_links", "fitted_wall", "followed"]
+__all__ += ["open_any", "plot_tracks", "preview", "run_recording", "track_detections"]
 _GNN, ALWAYS = GNN(), ("detections", "tracks")  # the other tables only if they have rows
 
 

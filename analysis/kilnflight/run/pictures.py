@@ -15,7 +15,7 @@ from kilnflight.project import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.run.preparation import Options, choose, spread
-from kilnflight.scores.spreading import diffusion, speeds, square_displacements
+from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.tables import with_pixels
 from kilnflight.tracklets import tracked
 
@@ -39,7 +39,7 @@ def pictures(
     the numbers of the frames that were searched.
     """
     counts = detections["frame"].value_counts().reindex(frames, fill_value=0)
-    linked, bars = tracked(tracks), {"color": "0.7", "edgecolor": "black"}
+    linked, bars = followed(tracks), {"color": "0.7", "edgecolor": "black"}
     figure, ((axes,),) = style.canvas(width_mm=120)
     axes.plot(frames, counts, lw=0.8)
     axes.set(xlabel="frame", ylabel="detections", ylim=(0, None))

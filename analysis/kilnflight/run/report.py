@@ -14,7 +14,7 @@ from tqdm import tqdm
 from kilnflight.flight import LOST, kept, reaching
 from kilnflight.recording.frames import Recording
 from kilnflight.scores.intervals import median_interval
-from kilnflight.scores.spreading import doubtful_links
+from kilnflight.scores.spreading import doubtful_links, followed
 
 Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.kiln.KILN_STEPS`
 PLAUSIBLE_DEPTH_MM = 100.0, 50_000.0
@@ -75,8 +75,7 @@ def summary(tables: Tables) -> dict[str, str]:
     Only accepted flights from the lance count (section 5.3.1 of the thesis). In brackets: 95 %
     interval over particles, by bootstrap; none for fewer than six.
     """
-    flights, tracks, found = tables["flights"], tables["tracks"], tables["detections"]
-    tracks = tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
+    flights, tracks, found = tables["flights"], followed(tables["tracks"]), tables["detections"]
     counted, depth = kept(flights[flights["from_lance"]]), int(found["z"].notna().sum())
     deep = f", {depth} with depth, {len(tables['tracks'])} not on the wall" if depth else ""
     rows = {"detections": f"{len(found)}{deep}"}

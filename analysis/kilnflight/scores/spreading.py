@@ -78,12 +78,17 @@ def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
     return float(np.median(np.concatenate(apart))) if apart else np.inf
 
 
+def followed(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the detections (column particle) that are in tracks of two or more."""
+    return tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
+
+
 def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     """Yield warnings of missing or doubtful tracks, each with what to change.
 
     ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col (px).
     """
-    linked = tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
+    linked = followed(tracks)
     if tracks.empty:
         yield f"Nothing was detected. {TRY}"
     elif 2 * len(linked) < len(tracks):
