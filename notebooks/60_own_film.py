@@ -80,7 +80,7 @@ with redirect_stdout(io.StringIO()):  # the summary is shown below
     tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
 detections, tracks = tables["detections"], tables["tracks"]
 index = np.asarray(film.index if hasattr(film, "index") else film.per_frame["index"])
-drawn = dict(pictures(film, detections, tracks, index - index[0]))
+drawn = dict(pictures(film, tables, index - index[0]))
 caption = "Settings and results of a run on a film, with the reason of each setting."
 figures.save("own-film-summary", tables["summary"], caption=caption, provenance=origin)
 

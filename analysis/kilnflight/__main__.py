@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from kilnflight.checks import InputError
 def main(arguments: Sequence[str] | None = None) -> None:
     """Import, export and inspect recordings; preview, track or run it all."""
     options = (parser := _parser()).parse_args(arguments)
+    warnings.showwarning = lambda text, *_: print(f"warning: {text}")
     try:
         options.function(options)
     except (InputError, OSError, KeyboardInterrupt) as error:  # OSError: of a full disk, too
@@ -44,9 +46,8 @@ def _info(options: argparse.Namespace) -> None:
 
     recording = _opened(options)
     if options.command == "import":
-        target = options.to or Path(f"{recording.attributes.name}.zarr")
-        recording = write_recording(recording, target)
-        print(f"imported as {target}")
+        recording = write_recording(recording, options.to or f"{recording.attributes.name}.zarr")
+        print(f"imported as {recording.path}")
     print(aligned(summarise_recording(recording)))
 
 

@@ -309,7 +309,7 @@ def _shared(pairs: Array, unused: Array) -> Flags:
     return (pairs > 0) & (((pairs > 0).sum(axis=0) > 1) | (unused < 1.0))
 
 
-def _orders(pairs: Array, unused: Array) -> _Orders:
+def _orders(pairs: Array, unused: Array, most: int) -> _Orders:
     """Return the elimination order of each group's vertices, and its table entries.
 
     A group is a connected part of the graph of `_shared` pairs (n, m). Vertices below n are tracks,
@@ -323,20 +323,20 @@ def _orders(pairs: Array, unused: Array) -> _Orders:
     orders, ordered = _Orders(), set[int]()
     for start in near:
         if start not in ordered:
-            order, states = first = _order(near, start)
+            order, states = first = _order(near, start, most)
             begin = np.linspace(0, len(order) - 1, 8, dtype=int) if states > 2**12 else ()
-            trials = [first, *(_order(near, order[k]) for k in begin)]
+            trials = [first, *(_order(near, order[k], most) for k in begin)]
             orders.append(min(trials, key=lambda trial: trial[1]))
             ordered.update(order)
     return orders
 
 
-def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
+def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int], float]:
     """Return a greedy elimination order of a group's vertices, and its table entries.
 
     ``near`` holds each vertex's neighbours. The vertex removed next is the one by which the
     frontier grows least. The frontier are the remaining vertices with a removed neighbour; a table
-    has 2^size(frontier) entries.
+    has 2^size(frontier) entries. Above ``most`` entries the rest is in any order.
     """
     order, frontier, candidates, states = list[int](), set[int](), {start}, 0.0
     while candidates:
@@ -346,6 +346,9 @@ def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
         frontier = (frontier | near[order[-1]]).difference(order)
         candidates = frontier.union(*(near[v] for v in frontier)).difference(order)
         states += 2.0 ** len(frontier)
+        while candidates and states > most:  # too large: only its members are asked for
+            order.extend(candidates)
+            candidates = set[int]().union(*(near[v] for v in candidates)).difference(order)
     return order, states
 
 
@@ -395,15 +398,16 @@ def _thinned(pairs: Array, unused: Array, best: Integers, most: int) -> tuple[Ar
     table entries. Pairs of the ``best`` event (n,) are removed last, so that an event remains
     possible.
     """
-    kept, orders = pairs.copy(), _orders(pairs, unused)
+    kept, orders = pairs.copy(), _orders(pairs, unused, most)
     strength = pairs + (best[:, None] == np.arange(pairs.shape[1]))
     while dense := [v for order, states in orders if states > most for v in order]:
-        inside = (kept > 0) & np.isin(np.arange(len(pairs)), dense)[:, None]
-        weakest = np.argsort(np.where(inside, strength, np.inf), axis=None, kind="stable")
-        kept.flat[weakest[: 1 + inside.sum() // 30]] = 0.0
-        orders = _orders(kept, unused)
-    if len(lost := pairs[kept < pairs]):
-        what = f"{len(lost)} pairs of dense groups left out, weight up to {lost.max():.1e}"
+        inside = np.flatnonzero((kept > 0) & np.isin(np.arange(len(pairs)), dense)[:, None])
+        weakest = inside[np.argsort(strength.flat[inside], kind="stable")]
+        kept.flat[weakest[: 1 + len(weakest) // 30]] = 0.0
+        orders = _orders(kept, unused, most)
+    if (kept < pairs).any():
+        # One text, so Python shows it once.
+        what = "the least likely pairs of crowded particles are left out"
         warnings.warn(f"joint probabilities: {what}", stacklevel=4)
     return kept, orders
 

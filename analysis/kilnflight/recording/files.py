@@ -85,7 +85,7 @@ from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, ch
 from kilnflight.recording.store import StoredRecording, open_recording
 
 FILMS, TIFFS = (".avi", ".mkv", ".mov", ".mp4"), (".tif", ".tiff")
-PICTURES, CHANNELS = (".jpeg", ".jpg", ".png"), ("red", "green", "blue")
+PICTURES, CHANNELS = (".bmp", ".jpeg", ".jpg", ".png"), ("red", "green", "blue")
 POINT = ["row", "col", "x", "y", "z"]
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
 WHITE = 65_535  # the largest grey value
@@ -252,19 +252,17 @@ def _recording(
         notes.append(f"coloured pictures: channel {channel}, the brightest, is used")
     elif channel not in (None, *CHANNELS[: colours.shape[2]]):
         raise InputError(f"{where}: it has no channel {channel!r}. Leave it out, or name a colour.")
-    steps, index = np.diff(np.array(numbers, np.float64)), numbers
-    # time, or every tenth frame; numbers with any step of 1 count frames
-    if len(steps) and (step := np.quantile(steps, (steps.min() > 1) / 2, method="lower")) > 1:
-        index = [0, *np.maximum(np.rint(steps / step), 1).cumsum().astype(int).tolist()]
+    index, step = count_frames(numbers)
+    if step != 1:
         notes.append(f"numbers go in steps of {step:g}: frames are counted from 0")
     if missing := index[-1] - index[0] + 1 - len(index):
         notes.append(f"{missing} of {missing + len(index)} frames are missing")
     first = _one_channel(first, channel, f"{where}, frame {numbers[0]}")
-    if first.dtype not in SMALL_TYPES:
+    if first.dtype not in SMALL_TYPES or first.max() <= 1:
         frames = (f"{where}, frame {number}" for number in numbers)
         ends = [_ends(_one_channel(images[t], channel, at)) for t, at in enumerate(frames)]
         low, high = min(end[0] for end in ends), max(end[1] for end in ends)
-        if not all(whole for *_, whole in ends):
+        if high == 1 or not all(whole for *_, whole in ends):
             scale = low, WHITE / ((high - low) or 1.0)
             notes.append(f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}")
     found = {"rows": first.shape[0], "columns": first.shape[1], "notes": notes}
@@ -273,10 +271,25 @@ def _recording(
     return FileRecording(Attributes.from_json(found), numbers, index, images, channel, scale, parts)
 
 
+def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
+    """Return a frame for each number, and the step of the numbers.
+
+    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
+    """
+    each, place = np.unique(numbers, return_inverse=True)
+    steps = np.diff(each) if len(each) > 1 else np.ones(1)
+    # of unequal steps the middle one, as time stamps vary
+    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
+    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    return each[place].astype(int).tolist(), step
+
+
 def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
     """Return one channel of a picture, or raise an `InputError`."""
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] <= 4:
+        if channel is None and (array[..., :3] != array[..., :1]).any():
+            raise InputError(f"{where}: coloured, as the first is not. Name a channel.")
         array = array[..., CHANNELS.index(channel or CHANNELS[0])]
     real = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image)
     if array.ndim != 2 or not array.size or not real or not np.isfinite(array).all():
@@ -321,15 +334,10 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
 
 def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return pixels and positions in one file, without pixels that have no depth."""
-    array: Any = read_array(path, part.key)
-    pixels: Any = np.indices(size).reshape(2, -1).T
-    if part.form == "grid":
-        check_shape(array, (*size, 3), str(path))
-        xyz = array.reshape(-1, 3)
-    else:
-        points = known_numbers(array, str(path))
-        check_shape(points, (None, 5), str(path))
-        pixels, xyz = points[:, :2] - part.origin, points[:, 2:]
+    array, grid = known_numbers(read_array(path, part.key), str(path)), part.form == "grid"
+    check_shape(array, (*size, 3) if grid else (None, 5), str(path))
+    pixels: Any = np.indices(size).reshape(2, -1).T if grid else array[:, :2] - part.origin
+    xyz = array[..., -3:].reshape(-1, 3)
     missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype(np.float32) == np.float32(part.invalid))
     pixels, xyz = pixels[~missing], xyz[~missing]
     if not (np.abs(pixels) < 2**31).all() or (pixels % 1).any() or (len(missing) and not len(xyz)):
@@ -360,8 +368,7 @@ def _manifest(manifest: Path) -> FileRecording:
         for name in table.keys() & set(PARTS):
             _check_table(table[name], PART, "pattern", where=f"[{name}] ")
         parts = {name: Part(**table.pop(name)) for name in PARTS if name in table}
-        gray = parts.pop("gray")
-        images, numbers = _images(gray, folder)
+        images, numbers = _images(gray := parts.pop("gray"), folder)
         files = {name: (part, _numbered(part.pattern, folder)) for name, part in parts.items()}
         for _, found in files.values():
             if extra := found.keys() - set(numbers):
@@ -451,11 +458,10 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
         if ending == ".mat":
             return _chosen(scipy.io.loadmat(path), key)
         raise InputError("this kind of file is not known. Convert it.")
-    except (InputError, PermissionError, FileNotFoundError, IsADirectoryError) as error:
-        raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
     except Exception as error:  # libraries raise anything on damaged bytes
-        reason = " ".join(str(error).split()) or "no content"
-        raise InputError(f"{path}: {reason}. Is it cut off or damaged?") from error
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or "no content"
+        damaged = "" if isinstance(error, InputError | OSError) else ". Is it cut off or damaged?"
+        raise InputError(f"{path}: {reason}{damaged}") from error
 
 
 def _chosen(content: Any, key: str | None) -> Anything:

@@ -9,6 +9,8 @@ recording + `Options` -> `prepare` -> `kilnflight.kiln` -> tables, summary, pict
 from __future__ import annotations
 
 import sys
+import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -19,11 +21,11 @@ import pandas as pd
 from kilnflight import kiln, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.belt.links import motion_of
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_columns, check_whole
 from kilnflight.kiln import KILN_STEPS
 from kilnflight.project.cache import clear_parts, locked, write_whole
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.files import FileRecording, open_any
+from kilnflight.recording.files import FileRecording, count_frames, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
 from kilnflight.run.pictures import pictures, plot_tracks, png, preview
@@ -87,7 +89,11 @@ def track_detections(
     InputError
         As `kilnflight.tracking.track`.
     """
-    table = with_pixels(detections)
+    check_columns(table := with_pixels(detections), ["frame"], "detections")
+    frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
+    if step != 1:
+        warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
+        table = table.assign(frame=frames, number=table["frame"])
     deep = "z" in table and bool(table["z"].notna().any())
     post_processing = deep if post_processing is None else post_processing
     own = max_step is not None or not post_processing
@@ -125,7 +131,6 @@ def run_recording(
     target = Path(target or f"{recording.attributes.name}-run")
     if target.resolve().is_relative_to(getattr(recording, "path", target / "parts").resolve()):
         raise InputError(f"{target}: lies in the recording. Give another folder to write to.")
-    (target / "parts").mkdir(parents=True, exist_ok=True)
     stored = _stored(recording, target / "parts")
     kiln_run, rows = prepare(stored, target, given)
     kiln.make_tables([kiln_run], workers, ())
@@ -157,9 +162,15 @@ def _stored(recording: FileRecording | StoredRecording, folder: Path) -> StoredR
     """Return the recording, or its Zarr copy in a folder: films cannot be read at random."""
     if isinstance(recording, StoredRecording):
         return recording
+    folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
-    with locked(folder):
-        return open_recording(copy) if copy.exists() else write_recording(recording, copy)
+    try:
+        with locked(folder):
+            return open_recording(copy) if copy.exists() else write_recording(recording, copy)
+    finally:  # of a film that cannot be read nothing is left
+        with suppress(OSError):
+            folder.rmdir()
+            folder.parent.rmdir()
 
 
 def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:
@@ -172,8 +183,7 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
     for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
         contents[f"{name}.csv"] = known.to_csv(index=False).encode()
-    drawn = pictures(recording, tables["detections"], tables["tracks"], frames)
-    contents |= {f"{name}.png": png(figure) for name, figure in drawn}
+    contents |= {f"{name}.png": png(it) for name, it in pictures(recording, tables, frames)}
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)

@@ -15,6 +15,7 @@ from kilnflight.project import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.run.preparation import Options, choose, spread
+from kilnflight.run.report import Tables
 from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.tables import with_pixels
 from kilnflight.tracklets import tracked
@@ -30,21 +31,19 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def pictures(
-    recording: Recording, detections: pd.DataFrame, tracks: pd.DataFrame, frames: Any
-) -> Iterator[tuple[str, Figure]]:
+def pictures(recording: Recording, tables: Tables, frames: Any) -> Iterator[tuple[str, Figure]]:
     """Yield the names and figures of a run; the last one only if there are lags to fit.
 
-    Tables are `kilnflight.tables.DETECTIONS`, and the same with ``particle``; ``frames`` (n,) are
-    the numbers of the frames that were searched.
+    Of the tables, detections and tracks are drawn; ``frames`` (n,) are the numbers of the frames
+    that were searched.
     """
-    counts = detections["frame"].value_counts().reindex(frames, fill_value=0)
-    linked, bars = followed(tracks), {"color": "0.7", "edgecolor": "black"}
+    counts = tables["detections"]["frame"].value_counts().reindex(frames, fill_value=0)
+    linked, bars = followed(tables["tracks"]), {"color": "0.7", "edgecolor": "black"}
     figure, ((axes,),) = style.canvas(width_mm=120)
     axes.plot(frames, counts, lw=0.8)
     axes.set(xlabel="frame", ylabel="detections", ylim=(0, None))
     yield "detections", figure
-    yield "tracks", plot_tracks(recording, tracks)
+    yield "tracks", plot_tracks(recording, tables["tracks"])
     figure, ((left, right),) = style.canvas(columns=2, width_mm=style.PAGE_MM)
     left.hist(linked["particle"].value_counts(), bins=30, **bars)
     left.set(xlabel="length of a track (detections)", ylabel="tracks")

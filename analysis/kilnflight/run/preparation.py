@@ -32,16 +32,10 @@ from kilnflight.tracking.tracker import Management
 
 Rows = list[tuple[str, str]]  # name of a setting, or "note"; value and why, for the reader
 EXPLAINED = ("in_air_mm", "background", "threshold", "post_processing")  # or not used
-SHAKEN = (
-    "The picture moves by {:.1f} px from frame to frame, so its edges may be found as particles. "
-    "Register the frames first."
-)
-LONG = (
-    "Areas have a radius of {:.1f} px, round spots {:.1f} px: for long or large particles try "
-    "--detector otsu; `kilnflight preview` shows what it finds."
-)
+SHAKEN = "The picture shakes by {:.1f} px a frame: edges may count as particles. Register it first."
+LONG = "Areas have a radius of {:.1f} px, round spots {:.1f} px: try --detector otsu, by preview."
+RESTING = "{} of {} spots rest and are left out; --background none keeps them"
 REASON = ("from the noise", "from the noise, at least that of the thesis")  # without, with depth
-SHAKE_PX = 0.5  # above it edges of a textured ground stand out
 LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
 BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
 MIDDLE_PX = 2048, 3072  # rows and columns of the enlarged picture in which settings are tried
@@ -214,6 +208,9 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
         rest = length < FEW_FRAMES or (not deep and more_rests(*(spots(w, 2) for w in BACKGROUNDS)))
         word, why = ("none", "most rests") if rest else ("median", "most moves")
         why = why if length >= FEW_FRAMES else f"only {length} frame(s)"
+        moving, every = (sum(map(len, spots(each, 2))) for each in BACKGROUNDS)
+        if word == "median" and not deep and every > 1.25 * moving:
+            rows.append(("note", RESTING.format(every - moving, every)))
     rows.append(("background", f"{word} ({why})"))
     if level is not None:
         rows.append(("light", f"every frame brought to a median of {level:g} grey values"))
@@ -303,7 +300,8 @@ def _doubts(seen: Recording, looks: Sequence[Single], spots: Sequence[Array]) ->
 
     In a short film slow particles look like a ground that shakes.
     """
-    if len(seen) >= 3 * FEW_FRAMES and (shake := shaken_px(seen)) > SHAKE_PX:
+    # above 0.5 px edges of a textured ground stand out
+    if len(seen) >= 3 * FEW_FRAMES and (shake := shaken_px(seen)) > 0.5:
         yield SHAKEN.format(shake)
     find = Otsu(area_threshold(seen))
     areas = [find(_middle(each, 2)) for each in looks]
@@ -330,16 +328,13 @@ def _geometry(recording: StoredRecording, rows: Rows) -> tuple[Vector | None, Cy
     deep, lance = np.flatnonzero(recording.per_frame["points"]), recording.attributes.exit_point_mm
     if not len(deep):
         return None, None
-    if lance is None:
-        rows.append(("note", "no flights without the lance's outlet: lance_mm in a manifest"))
-    else:
-        rows.append(("lance", f"{np.round(lance, 1)} mm, depth calibrated"))
+    no_lance = "unknown, so there are no flights; a manifest has lance_mm"
+    place = no_lance if lance is None else f"{np.round(lance, 1)} mm, depth calibrated"
+    rows.append(("lance", place))
     try:
         wall = fitted_wall(recording, deep[spread(len(deep), 5)].tolist())
     except InputError as error:
-        rows.append(
-            ("note", f"no flights, as no wall was found: {error} What lies on it is tracked.")
-        )
+        rows.append(("note", f"no flights, no wall was found: {error} What lies on it is tracked."))
         return lance, None
     axis = f"{np.round(wall.centre_mm)} mm, {np.round(wall.direction, 4)}"
     rows.append(("kiln", f"radius {wall.radius_mm:.0f} mm, axis {axis}"))

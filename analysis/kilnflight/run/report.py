@@ -17,7 +17,6 @@ from kilnflight.scores.intervals import median_interval
 from kilnflight.scores.spreading import doubtful_links, followed
 
 Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.kiln.KILN_STEPS`
-PLAUSIBLE_DEPTH_MM = 100.0, 50_000.0
 LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
 
@@ -45,7 +44,7 @@ def summarise_recording(recording: Recording) -> pd.DataFrame:
     if points.any():
         how = "no calibration stated" if attributes.depth_calibration is None else "as captured"
         facts.append(("depth", "{:.0f} to {:.0f} mm, ".format(*ends) + how))
-        if not (PLAUSIBLE_DEPTH_MM[0] < ends[0] and ends[1] < PLAUSIBLE_DEPTH_MM[1]):
+        if ends[0] < 100.0 or ends[1] > 50_000.0:  # mm; no kiln is so near or deep
             facts.append(("warning", "depths: is the unit right, is the invalid value?"))
     return pd.DataFrame(facts, columns=["what", "value"])
 
@@ -87,8 +86,7 @@ def summary(tables: Tables) -> dict[str, str]:
     if len(dwell):
         median, *ends = median_interval(dwell, np.random.default_rng(0))[:3]
         rows["dwell time, median"] = f"{median:.3f} s {np.round(ends, 3) if len(dwell) > 5 else ''}"
-    counts = {"refused": flights["refused"], "ending": counted["ending"]}
-    for name, values in (counts | {"ignition": counted["ignition"]}).items():
+    for name, values in {"refused": flights["refused"], **counted[["ending", "ignition"]]}.items():
         rows |= {f"{name}: {why}": f"{n}" for why, n in values.value_counts().items() if why}
     for _, metre in reaching(tables["slices"], len(counted)).iterrows():
         value = f"median {metre['median_m_s']:.1f} m/s, {100 * metre['share']:.0f} % of the flights"

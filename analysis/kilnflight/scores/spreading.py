@@ -91,7 +91,7 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     linked = followed(tracks)
     if tracks.empty:
         yield f"Nothing was detected. {TRY}"
-    elif 2 * len(linked) < len(tracks):
+    elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
         yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
     steps, apart = speeds(linked), neighbour_px(tracks)
     if len(steps) and (step := float(np.median(steps))) > apart / 2:
