@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Integers
+from kilnflight.arrays import Array, Integers, Single
 from kilnflight.checks import check_number
 from kilnflight.recording.frames import Recording
 from kilnflight.tracking.filter import ConstantVelocity, Gate, Motion
@@ -136,16 +136,16 @@ def more_rests(moving: Sequence[Array], every: Sequence[Array]) -> bool:
 def shaken_px(recording: Recording) -> float:
     """Return by how many px a still picture moves from frame to frame; 0 without one.
 
-    Frames are registered on their median by phase correlation, without what is wider than some 20
-    px, as light is. Particles alone are no still picture.
+    The middles of frames are registered on their median by phase correlation, without what is wider
+    than some 20 px, as light is. Particles alone are no still picture.
     """
-    count = len(recording)
-    seen = {t: recording.gray(t).astype(np.float32) for t in range(0, count, 1 + count // 30)}
-    seen |= {t: recording.gray(t).astype(np.float32) for t in range(min(count, 12))}
-    frames = {t: gray - cv2.GaussianBlur(gray, (0, 0), 8.0) for t, gray in seen.items()}
+    count, frames = len(recording), dict[int, Single]()
+    middle = tuple(slice(max(n // 2 - 512, 0), n // 2 + 512) for n in recording.attributes.size)
+    for t in {*range(0, count, 1 + count // 30), *range(min(count, 12))}:
+        gray = recording.gray(t)[middle].astype(np.float32)
+        frames[t] = gray - cv2.GaussianBlur(gray, (0, 0), 8.0)
     still = np.median(list(frames.values()), axis=0)
-    if still.std() <= 0.4 * np.std(frames[0]):
-        return 0.0
     window = cv2.createHanningWindow(still.shape[::-1], 5)
     found = [cv2.phaseCorrelate(still, frames[t], window)[0] for t in range(min(count, 12))]
-    return float(np.median(np.hypot(*np.diff(found, axis=0).T)))
+    shaken = float(np.median(np.hypot(*np.diff(found, axis=0).T)))
+    return shaken if still.std() > 0.4 * np.std(frames[0]) else 0.0
