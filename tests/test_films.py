@@ -102,7 +102,7 @@ def test_a_film_of_0_and_1_is_scaled_and_particles_that_rest_among_others_are_to
         assert rates(small[2], kilnflight.detect(source))[0] > 0.9
     moving, resting = (film(frames=12, cells=(4, 4), drift=(0, step))[0] for step in (3, 0))
     both = np.concatenate([moving, resting], axis=2)
-    assert "rest and are left out" in str(choose(kilnflight.open(both), Options())[2])
+    assert "count as background" in str(choose(kilnflight.open(both), Options())[2])
 
 
 def test_a_table_in_steps_is_linked_and_keeps_its_numbers(small):
