@@ -9,7 +9,6 @@ from kilnflight.checks import (
     check_number,
     check_shape,
     check_whole,
-    known_numbers,
 )
 
 
@@ -51,15 +50,15 @@ def test_limits_may_be_allowed_and_whole_numbers_asked_for():
     "values", [["1"], [1j], np.array(["2023"], "M8[D]"), [[1], [1, 2]], [True], [None, "1.0"]]
 )
 def test_texts_dates_and_complex_numbers_are_not_numbers(values):
-    for check in (check_finite, known_numbers):
+    for gaps in (False, True):
         with pytest.raises(InputError, match="depth: "):
-            check(values, "depth")
+            check_finite(values, "depth", gaps=gaps)
 
 
 def test_numbers_come_back_as_floats_and_gaps_as_nan():
     assert check_finite([1, 2], "depth").dtype == np.float64
     for column in (pd.Series([1, None], dtype="Int64"), pd.Series([1.0, pd.NA], dtype=object)):
-        np.testing.assert_array_equal(known_numbers(column, "depth"), [1.0, np.nan])
+        np.testing.assert_array_equal(check_finite(column, "depth", gaps=True), [1.0, np.nan])
     with pytest.raises(InputError, match="depth: "):
         check_finite([1.0, np.nan, np.inf], "depth")
     assert check_whole(pd.Series([1.0, 2.0]), "frame").tolist() == [1, 2]

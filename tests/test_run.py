@@ -179,6 +179,7 @@ def test_the_summary_counts_accepted_flights_from_the_lance(flown):
 
 
 def test_doubtful_flights_are_said(flown):
+    flown |= {"tracks": pd.concat(5 * [flown["tracks"]])}
     assert not list(doubts(flown))
     wild = flown["flights"].assign(refused="faster than the air")
     assert next(doubts(flown | {"flights": wild})).startswith("2 of 2 ")

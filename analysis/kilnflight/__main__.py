@@ -98,7 +98,7 @@ _NUMBER, _WHOLE = {"type": float}, {"type": int}
 _SWITCH, _BOTH = {"action": "store_true"}, {"action": argparse.BooleanOptionalAction}
 ARGUMENTS: dict[str, Any] = {
     "recording": {"metavar": "PATH", "help": "film, stack, folder, pattern, array, manifest, Zarr"},
-    "--channel": {"metavar": "COLOUR", "help": "red, green or blue (default: the brightest)"},
+    "--channel": {"metavar": "COLOUR", "help": "red, green or blue (default: what varies most)"},
     "--to": {"type": Path, "help": "folder or picture to write; a stopped run goes on there"},
     "--detector": {"help": "dog for round spots (default), otsu for areas of any form"},
     "--background": {"help": "median of the frames around, or none (default: what fits)"},

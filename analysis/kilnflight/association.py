@@ -30,7 +30,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import softmax
 
 from kilnflight.arrays import Array, Flags, Integers
-from kilnflight.checks import InputError, check_finite, check_number, check_shape
+from kilnflight.checks import InputError, check_finite, check_number
 
 
 class Pairs(NamedTuple):
@@ -242,10 +242,8 @@ def joint_probabilities(
     [[0.667, 0.333], [0.667, 0.333]]
     """
     check_number(most_states, "joint probabilities: most_states", least=4, whole=True)
-    pairs = check_finite(likelihood, "likelihood")
-    missed = check_finite(nonassignment, "nonassignment")
-    check_shape(pairs, (None, None), "likelihood (tracks, detections)")
-    check_shape(missed, pairs.shape[:1], "nonassignment, one per track")
+    pairs = check_finite(likelihood, "likelihood (tracks, detections)", (None, None))
+    missed = check_finite(nonassignment, "nonassignment, one per track", pairs.shape[:1])
     for name, values in (("likelihood", pairs), ("nonassignment", missed)):
         check_number(values.min(initial=0.0), f"{name} (not its logarithm)", least=0)
     with np.errstate(divide="ignore"):

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy.linalg import null_space
 
 from kilnflight.arrays import Array, Flags, Index
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.checks import InputError, check_finite
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,7 @@ class DepthCalibration:
         InputError
             If there are fewer than two, or the true depth does not increase with the captured one.
         """
-        table = check_finite(pairs, "depth table")
-        check_shape(table, (None, 2), "depth table")
+        table = check_finite(pairs, "depth table", (None, 2))
         table = table[np.argsort(table[:, 0], kind="stable")]
         steps = np.diff(table, axis=0)
         if len(steps) < 1 or (steps <= 0).any():
@@ -252,10 +251,9 @@ def fit_depth_segments(
         If the arrays differ in shape or the points do not determine the coefficients. Each
         segment needs three different captured depths, fewer with ``continuous``.
     """
-    captured = check_finite(captured_mm, "captured depth").ravel()
-    true = check_finite(true_mm, "true depth").ravel()
-    if captured.shape != true.shape:
-        raise InputError(f"true depth: {true.size} values for {captured.size} captured depths.")
+    captured = check_finite(captured_mm, "captured depth")
+    true = check_finite(true_mm, "true depth", captured.shape).ravel()
+    captured = captured.ravel()
     breakpoints, segments, size = EQUATION_2_4.breakpoints_mm, 3, 3
     # per point one column of powers for each segment; metres, so that powers stay of one size
     segment = DepthCalibration(breakpoints, ((0.0,),) * segments).segment(captured)
@@ -295,10 +293,7 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
     The thesis calibrates depth and does not say what becomes of x and y. A point belongs to
     a pixel, so it stays on that pixel's ray: x and y change in proportion to z.
     """
-    points = check_finite(captured_mm, "captured points")
-    if points.size == 0:
-        return np.empty((0, 3))
-    check_shape(points, (None, 3), "captured points")
+    points = check_finite(captured_mm, "captured points", (None, 3))
     depth = points[:, 2:]
     if not (depth > 0).all():
         raise InputError(f"captured points: point {np.argmin(depth)} has depth {depth.min():g} mm.")
@@ -343,8 +338,7 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Fl
     >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
     [True, False, True]
     """
-    corners = check_finite(polygon, "polygon")
-    check_shape(corners, (None, 2), "polygon")
+    corners = check_finite(polygon, "polygon", (None, 2))
     if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
         raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
     r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
@@ -374,10 +368,9 @@ def wall_profile(picture: npt.ArrayLike, corners: npt.ArrayLike, rows: int = 200
     InputError
         If the corners make no convex area in this order, or one lies outside the picture.
     """
-    values = check_finite(picture, "picture").astype(np.float32)
-    check_shape(values, (None, None), "picture")
-    trapezoid = check_finite(corners, "corners").astype(np.float32)[..., ::-1].copy()
-    check_shape(trapezoid, (4, 2), "corners")  # column, row as OpenCV takes them
+    values = check_finite(picture, "picture", (None, None)).astype(np.float32)
+    trapezoid = check_finite(corners, "corners", (4, 2)).astype(np.float32)
+    trapezoid = trapezoid[:, ::-1].copy()  # column, row as OpenCV takes them
     within = (trapezoid >= 0) & (trapezoid <= np.array(values.shape[::-1]) - 1)
     if not (within.all() and cv2.isContourConvex(trapezoid) and cv2.contourArea(trapezoid)):
         raise InputError("corners: they make no convex area within the picture in this order.")

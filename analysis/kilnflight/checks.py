@@ -28,17 +28,13 @@ def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> No
     """Raise an `InputError` unless ``table`` has all ``columns``."""
     if not hasattr(table, "columns"):
         raise InputError(f"{where}: {type(table).__name__} is no table; pass a pandas DataFrame.")
-    missing = [name for name in columns if name not in table.columns]
-    if missing:
+    if missing := [name for name in columns if name not in table.columns]:
+        has = ", ".join(map(str, table.columns)) or "none"
         raise InputError(
-            f"{where}: column(s) {', '.join(missing)} missing; it has "
-            f"{', '.join(map(str, table.columns)) or 'none'}. Rename or add them."
+            f"{where}: no column {', '.join(missing)}; it has {has}. Add or rename it."
         )
-    doubled = [name for name in columns if np.sum(table.columns == name) > 1]
-    if doubled:
-        raise InputError(
-            f"{where}: more than one column {', '.join(doubled)}. Leave out or rename the others."
-        )
+    if doubled := [name for name in columns if np.sum(table.columns == name) > 1]:
+        raise InputError(f"{where}: several columns {', '.join(map(str, doubled))}. Keep one.")
 
 
 def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], where: str) -> None:
@@ -50,31 +46,41 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
         raise InputError(f"{where}: shape {array.shape}, expected {expected}.".replace("'", ""))
 
 
-def known_numbers(values: npt.ArrayLike, where: str) -> Array:
-    """Return ``values`` as float64, NaN for gaps, or raise an `InputError`."""
+def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
+    """Return ``values`` as integers or floats, NaN for gaps, or raise an `InputError`."""
     try:
         array = np.asarray(values)
         if array.dtype == object:  # numbers with gaps, or texts
             from pandas import isna
 
             array = np.array(np.where(isna(array), np.nan, array).tolist())
-        if array.dtype.kind not in "iuf":  # numpy would make numbers of dates and of texts
-            raise TypeError(f"it holds {array.dtype}")
-        return array.astype(np.float64, copy=False)
+        # numpy would make numbers of dates and of texts, and forget a mask
+        if array.dtype.kind not in "iuf" or np.ma.isMaskedArray(values):
+            masked = ", masked: fill it or leave out what is hidden" * np.ma.isMaskedArray(values)
+            raise TypeError(f"it holds {array.dtype}{masked}")
+        return array
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: not made of numbers ({error}).") from error
 
 
-def check_finite(values: npt.ArrayLike, where: str) -> Array:
-    """Return ``values`` as float64, or raise an `InputError`."""
-    array = known_numbers(values, where)
+def check_finite(
+    values: npt.ArrayLike, where: str, shape: Sequence[int | None] | None = None, gaps: bool = False
+) -> Array:
+    """Return ``values`` as float64, or raise an `InputError`.
+
+    They have ``shape`` (None: any length or, alone, any shape); an empty list has it, too. With
+    ``gaps`` NaN is allowed, infinity is not.
+    """
+    array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
+    if shape is not None:
+        array = array.reshape(0, *shape[1:]) if array.shape == (0,) else array
+        check_shape(array, shape, where)
     finite = np.isfinite(array)
     if not finite.all():  # searched only then: it takes eight times as long
-        index = tuple(np.argwhere(~finite)[0].tolist())
-        raise InputError(
-            f"{where}: {np.sum(~finite)} value(s) are not finite, the first ({array[index]}) at "
-            f"index {index}. Remove invalid points before the call."
-        )
+        finite |= np.isnan(array) & gaps
+        for index in map(tuple, np.argwhere(~finite)[:1].tolist()):
+            wrong = f"{np.sum(~finite)} value(s) are not finite, the first ({array[index]})"
+            raise InputError(f"{where}: {wrong} at index {index}. Leave out such points.")
     return array
 
 

@@ -255,8 +255,8 @@ def line_deviation(time: Array, values: Array) -> float:
 
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
     """Return the times (n,) and grey values (n,), checked."""
-    time = check_finite(time_s, "Ignition: time_s").ravel()
-    values = check_finite(gray, "Ignition: gray").ravel()
+    time = check_finite(time_s, "Ignition: time_s", (None,))
+    values = check_finite(gray, "Ignition: gray", (None,))
     if len(time) != len(values):
         raise InputError(f"Ignition: {len(time)} times in time_s, but {len(values)} grey values.")
     if (np.diff(time) <= 0).any():

@@ -18,15 +18,8 @@ from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import (
-    InputError,
-    check_columns,
-    check_finite,
-    check_number,
-    check_shape,
-    known_numbers,
-)
-from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES, order_tracks
+from kilnflight.checks import InputError, check_columns, check_finite, check_number
+from kilnflight.tables import AXES, HIGHEST_ORDER, PLACES, TRAJECTORIES, order_tracks, plain
 
 Three = tuple[float, float, float]
 Orders = tuple[int, ...]
@@ -330,7 +323,7 @@ def regress(
     InputError
         If the track holds several particles or too few points, or an argument is invalid.
     """
-    check_columns(track, AXES, "track")
+    track = plain(track)
     if not len(track) or ("particle" in track and len(track["particle"].unique()) > 1):
         raise InputError("track: must hold one particle; call regress_all for several.")
     ((_, time, places),) = _located(track.assign(particle=0), frame_rate_hz, "track")
@@ -375,8 +368,13 @@ def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
 
     The columns are read by their order in `kilnflight.tables.TRAJECTORIES`.
     """
-    table, known = TRAJECTORIES.check(trajectories), {}
-    for row in table[table["outcome"] == FITTED].itertuples(index=False, name=None):
+    table, known = TRAJECTORIES.check(trajectories, "trajectories"), dict[int, Fit]()
+    table = table[table["outcome"] == FITTED]
+    check_finite(table.iloc[:, 3 : -3 * len(AXIS_MEASURES)], "trajectories of fitted particles")
+    known_order = table.filter(regex="^order_").isin(range(1, HIGHEST_ORDER + 1)).to_numpy().all()
+    if table["particle"].duplicated().any() or not known_order:
+        raise InputError("trajectories: a particle twice, or an order that is not 1 to 6.")
+    for row in table.itertuples(index=False, name=None):
         particle, _, points, first, last, t0, earliest, latest, at_bound, *rest = row
         exit_mm, orders, *factors = (tuple(rest[k : k + 3]) for k in range(0, len(rest), 3))
         by_axis = zip(orders, zip(*factors[:HIGHEST_ORDER], strict=True), strict=True)
@@ -407,9 +405,7 @@ def _row(method: Regression, exit_mm: Array, timed: Timed) -> list[object]:
 
 def _outlet(exit_point: npt.ArrayLike) -> Array:
     """Return the lance's outlet (3,) in mm, checked."""
-    point = check_finite(exit_point, "exit_point")
-    check_shape(point, (3,), "exit_point")
-    return point
+    return check_finite(exit_point, "exit_point", (3,))
 
 
 def _located(tracks: pd.DataFrame, rate_hz: float | None, where: str) -> Iterator[Timed]:
@@ -422,7 +418,7 @@ def _located(tracks: pd.DataFrame, rate_hz: float | None, where: str) -> Iterato
     check_number(rate, "frame_rate_hz", above=0)
     check_columns(tracks, ("particle", clock, *AXES), where)
     rows, particle, moment = order_tracks(tracks, where, clock)
-    places = np.stack([known_numbers(tracks[a], f"{where}: column {a}") for a in AXES], axis=1)
+    places = PLACES.check(tracks, where).to_numpy()
     if (np.abs(places) > FARTHEST_MM).any():
         raise InputError(f"{where}: x, y, z beyond {FARTHEST_MM:g} mm. Use NaN where unknown.")
     time, places = moment.astype(np.float64) / rate, places[rows]

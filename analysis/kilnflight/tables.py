@@ -18,7 +18,7 @@ from kilnflight.arrays import Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number, check_whole
 
 AXES, PIXEL = ("x", "y", "z"), ("row", "col")
-KINDS = {bool: "b", int: "iu", float: "iuf"}  # of numpy; whole numbers are floats too
+LIMITS: Any = {"particle": {"least": -1}, "z": {"above": 0}}
 HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
 
 
@@ -48,26 +48,28 @@ class Table:
         """Return the table without rows, with the right columns and types."""
         return pd.DataFrame({column.name: pd.Series(dtype=column.kind) for column in self.columns})
 
-    def check(self, table: pd.DataFrame, where: str = "") -> pd.DataFrame:
-        """Return the columns of this table, in order.
+    def check(self, table: pd.DataFrame, where: str = "", once: bool = False) -> pd.DataFrame:
+        """Return the columns of this table, in order; numbers are int64 or float64.
 
         Raises
         ------
         InputError
-            If a column is missing, is not of its kind, or holds a value that is not finite.
+            If a column is missing, is not of its kind, or holds a value that is not finite or
+            below its limit. With ``once`` also if two rows are the same or a frame is below 0.
         """
-        check_columns(table, self.names, where or self.name)
-        table = table[self.names]
+        check_columns(table, self.names, where := where or self.name)
+        table = table[self.names].copy()
         for column in self.columns:
-            values, place = table[column.name], f"{where or self.name}: column {column.name}"
-            text = pd.api.types.is_string_dtype(values) and not values.isna().any()
-            if not (text if column.kind is str else values.dtype.kind in KINDS[column.kind]):
+            values, place = table[column.name], f"{where}: column {column.name}"
+            if column.kind in (int, float):
+                read: Any = check_whole if column.kind is int else check_finite
+                found = read(values, place, **{"gaps": True} if column.missing else {})
+                table[column.name] = found  # fmin: without NaN
+                check_number(np.fmin.reduce(found, initial=1), place, **LIMITS.get(column.name, {}))
+            elif not all(type(value) is column.kind for value in values):
                 raise InputError(f"{place} holds {values.dtype}, expected {column.kind.__name__}.")
-            numbers = np.zeros(0) if column.kind is str else values.to_numpy(np.float64)
-            finite = np.isfinite(numbers) | (np.isnan(numbers) & column.missing)
-            if not finite.all():
-                row = table.index[int(finite.argmin())]
-                raise InputError(f"{place} is not finite in row {row}. Leave the row out.")
+        for row in table.index[table.duplicated() | (table.get("frame", 0) < 0)][:once]:
+            raise InputError(f"{where}: row {row} is there twice, or its frame is below 0.")
         return table
 
 
@@ -87,6 +89,8 @@ BELT_TRACKS = Table(
     Column("time_s", float, "s", "time of the frame"),
     *_by_axis("xy", "{}", float, "mm", "along and across the belt"),
 )
+
+MEASURED = Table("measured", BELT_TRACKS.columns[0], *BELT_TRACKS.columns[3:])
 
 BELT_LAST = Table(
     "last observation before the prediction phase",
@@ -156,7 +160,8 @@ DETECTIONS = Table(
     Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
     Column("case", int, "1", "which case of chapter 3.1 decided it; 0: found in the picture alone"),
 )
-TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
+PLACES = Table("places", *DETECTIONS.columns[5:8])  # x, y, z
+TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3], PLACES.columns[2])
 
 
 def plain(table: pd.DataFrame) -> pd.DataFrame:
@@ -169,7 +174,7 @@ def plain(table: pd.DataFrame) -> pd.DataFrame:
     >>> list(plain(pd.DataFrame({"row": [2.5]}, pd.Index([3], name="frame"))).columns)
     ['frame', 'row']
     """
-    check_columns(table, [], "table")
+    check_columns(table, getattr(table, "columns", ()), "table")
     names = [name for name in table.index.names if name not in (None, *table.columns)]
     table = table.reset_index(names) if names else table
     kinds = {name: table[name].cat.categories.dtype for name in table.select_dtypes("category")}
@@ -203,16 +208,12 @@ def order_tracks(table: pd.DataFrame, where: str, clock: str = "frame") -> tuple
         If a column is missing or not made of such numbers, a particle is below -1, or one has
         two rows at one time.
     """
-    check_columns(table, ["particle", clock], where)
-    particle = check_whole(table["particle"], f"{where}: column particle")
-    check_number(particle.min(initial=0), f"{where}: column particle", least=-1)
-    read: Any = check_whole if clock == "frame" else check_finite
-    time = read(table[clock], f"{where}: column {clock}")
-    rows = np.lexsort((time, particle))
-    rows = rows[particle[rows] >= 0]
+    columns = (Column(clock, int if clock == "frame" else float, "", ""), FLIGHTS.columns[0])
+    read = Table(where, *columns).check(table)
+    time, particle = read[clock].to_numpy(), read["particle"].to_numpy()
+    rows = np.lexsort((time, particle))[np.sum(particle < 0) :]
     particle, time = particle[rows], time[rows]
-    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
-    for k in repeated[:1]:
+    for k in np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))[:1]:
         raise InputError(f"{where}: particle {particle[k]} twice in {clock} {time[k]}. Keep one.")
     return rows, particle, time
 

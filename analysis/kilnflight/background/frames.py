@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, check_finite, real_numbers
 
 GRAY_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
 
@@ -73,6 +73,8 @@ class HeldFrames:
     """
 
     def __init__(self, frames: Frames, capacity: int) -> None:
+        if not hasattr(frames, "__getitem__") or not hasattr(frames, "__len__"):
+            raise InputError(f"frames: {type(frames).__name__} is no stack of pictures.")
         self.length = len(frames)
         self.shape: tuple[int, ...] = (0, 0)
         self.kind: np.dtype[Any] = np.dtype(np.uint16)
@@ -100,7 +102,7 @@ class HeldFrames:
 
     def _read(self, index: int) -> npt.NDArray[Any]:
         """Return a frame (rows, cols) of the stack, checked, in the machine's byte order."""
-        image = np.asarray(self._frames[index])
+        image = real_numbers(self._frames[index], f"frame {index}")
         kind = image.dtype.newbyteorder("=")
         if image.ndim != 2 or not image.size or kind.str[1:] not in GRAY_TYPES:
             raise InputError(

@@ -16,7 +16,7 @@ from scipy.stats import linregress, theilslopes
 
 from kilnflight.arrays import Array, Flags, Picture
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_finite
 
 PROFILES = 200  # across each side of the belt; choice, as are the next three
 REACH_PX = 12.0  # a profile's length to each side of the edge
@@ -256,8 +256,8 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Raises
     ------
     InputError
-        If the scales along and across differ by more than the factor `MOST_UNLIKE`: the belt does
-        not run to the right, or has another size.
+        If the corners are in another order, or the scales along and across differ by more than the
+        factor `MOST_UNLIKE`: the belt does not run to the right, or has another size.
 
     Notes
     -----
@@ -266,10 +266,11 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     height h sees a particle's centre at height z displaced outwards. The displacement is about
     z / h times the distance from the place under the camera.
     """
-    places = corners.places
-    matrix = cv2.getPerspectiveTransform(
-        places[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
-    )
+    places = check_finite(corners.places, "corners", (4, 2))
+    pixels = places[:, ::-1].astype(np.float32)
+    if places.sum(axis=1).argmin() or cv2.contourArea(pixels, oriented=True) <= 0:
+        raise InputError("corners: pass upper left, upper right, lower right, lower left.")
+    matrix = cv2.getPerspectiveTransform(pixels, belt.corners.astype(np.float32))
     sides = [
         np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1) for ends in (belt.corners, places)
     ]

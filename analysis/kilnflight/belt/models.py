@@ -70,10 +70,10 @@ class _Model:
 
 def _take(columns: Columns, where: str, *names: str) -> list[Array]:
     """Return the named columns (n,), checked to be finite numbers."""
-    missing = [name for name in names if name not in columns]
-    if missing:
-        raise InputError(f"{where}: column(s) {', '.join(missing)} missing. Add them.")
-    return [check_finite(columns[name], f"{where}: {name}") for name in names]
+    for name in names:
+        if not hasattr(columns, "keys") or name not in columns:
+            raise InputError(f"{where}: it has no column {name}. Add it.")
+    return [check_finite(columns[name], f"{where}: {name}", (None,)) for name in names]
 
 
 class ArrivalModel(_Model, ABC):

@@ -107,7 +107,7 @@ class PredictionPhase:
         1000 Hz (section 5) up to 1.4 mm. Only observations before the phase are used. A particle
         that would stop before keeps its state.
         """
-        last = observed.last
+        last = BELT_LAST.check(observed.last)
         gap = self.start_mm - last["x"]
         speed, gain = last["velocity_x_mm_s"], last["acceleration_x_mm_s2"]
         square = speed**2 + 2 * gain * gap

@@ -22,7 +22,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Index, Whole
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_TRACKS
+from kilnflight.tables import BELT_TRACKS, MEASURED
 
 TIME_STEP_S = 0.01  # of the public DEM files; the paper itself evaluated at 0.001 s
 MATERIAL_FOLDERS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
@@ -197,7 +197,7 @@ def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
     the belt (y) and `LEAST_PX` to `MOST_PX` ahead (x). Most pairs are one particle seen twice, so
     the displacements show the belt's velocity. ``measured`` has frame, x and y in px.
     """
-    places = measured[["frame", "x", "y"]].reset_index(drop=True)
+    places = MEASURED.check(measured, once=True).reset_index(drop=True)
     after = places.assign(frame=places["frame"] - 1)
     pairs = places.reset_index().merge(after, on="frame", suffixes=("", "_after"))
     along, across = pairs["x_after"] - pairs["x"], pairs["y_after"] - pairs["y"]

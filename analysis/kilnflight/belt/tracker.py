@@ -22,8 +22,8 @@ from kilnflight.arrays import Array, Flags, Integers
 from kilnflight.association import Pairs, assign, one_hot
 from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
-from kilnflight.checks import InputError, check_columns, check_finite, check_whole
-from kilnflight.tables import BELT_ENDS, BELT_STATES
+from kilnflight.checks import InputError
+from kilnflight.tables import BELT_ENDS, BELT_STATES, MEASURED
 from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion
 from kilnflight.tracking.tracker import ExtraColumns, Step, Tracks, follow
 
@@ -245,9 +245,8 @@ class BeltTracker:
             Number of frames of the camera. Steps end with frame ``frames - 1`` or with the last
             measurement, whichever is later; so 0 means the last measurement.
         """
-        check_columns(measured, ["frame", "x", "y"], "measured")
-        number = check_whole(measured["frame"], "measured: frame")
-        places = check_finite(measured[["x", "y"]], "measured: x and y")
+        table = MEASURED.check(measured, once=True)
+        number, places = table["frame"].to_numpy(), table[["x", "y"]].to_numpy()
         if not len(number):
             return
         order = np.argsort(number, kind="stable")

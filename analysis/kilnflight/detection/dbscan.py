@@ -18,7 +18,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from kilnflight.arrays import Array, Index, Whole
-from kilnflight.checks import InputError, check_finite, check_number, check_shape
+from kilnflight.checks import InputError, check_finite, check_number
 
 NOISE = -1
 _LARGEST = 2_000_000  # cells per axis whose numbers fit 63 bits and whose borders stay exact
@@ -33,10 +33,7 @@ def check_points_mm(points: npt.ArrayLike, where: str) -> Array:
     An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or beyond
     1e100 mm, raise an `InputError`; ``where`` begins its message.
     """
-    cloud = np.ascontiguousarray(check_finite(points, where))
-    if cloud.size == 0 and cloud.ndim < 2:
-        return np.empty((0, 3))
-    check_shape(cloud, (None, 3), where)
+    cloud = check_finite(points, where, (None, 3))
     if cloud.size and max(cloud.max(), -cloud.min()) > _FARTHEST:
         raise InputError(f"{where}: coordinates beyond {_FARTHEST:g} mm. Remove such points.")
     return cloud

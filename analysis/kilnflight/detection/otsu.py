@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Flags, Integers
-from kilnflight.checks import InputError, check_number
+from kilnflight.checks import InputError, check_number, check_shape, real_numbers
 
 _LARGEST = 1e9  # far beyond any grey value, and safe in float32
 _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
@@ -28,12 +28,8 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     InputError
         If it is not 2D, holds no integers or floats, or a float is not finite or above 1e9.
     """
-    image = np.asarray(foreground)
-    if image.ndim != 2 or image.dtype.kind not in "uif":
-        raise InputError(
-            f"{where}: the foreground is {image.shape} {image.dtype}; pass (rows, cols) of "
-            "integers or floats."
-        )
+    image = real_numbers(foreground, f"{where}: foreground (rows, cols)")
+    check_shape(image, (None, None), f"{where}: foreground (rows, cols)")
     # numba reads neither foreign byte orders nor half floats
     half = image.dtype == np.float16
     image = image.astype(np.float32 if half else image.dtype.newbyteorder("="), copy=False)

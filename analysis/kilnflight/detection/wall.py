@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array, Flags
-from kilnflight.checks import InputError, check_finite, check_number, check_shape
+from kilnflight.checks import InputError, check_finite, check_number
 
 # The thesis limits the distance of inliers and gives the z-axis (section 3.2), without numbers.
 MAX_DISTANCE_MM = 50.0  # of an inlier from the wall
@@ -85,8 +85,7 @@ def fit_cylinder(points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) 
     neighbours would be wrong. Errors of depth shift points along the line of sight, and so the
     axis towards it: errors of half the ring's length (standard deviations) by about one degree.
     """
-    points = np.ascontiguousarray(check_finite(points_mm, "fit_cylinder: points_mm"))
-    check_shape(points, (None, 3), "fit_cylinder: points_mm")
+    points = check_finite(points_mm, "fit_cylinder: points_mm", (None, 3))
     check_number(len(points), "fit_cylinder: number of points_mm", least=FEWEST_POINTS)
     generator, scored = np.random.default_rng(seed), points
     if len(points) > _SCORED_POINTS:
@@ -119,10 +118,7 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     >>> distance_to_axis([[3.0, 4.0, 9000.0]], Cylinder((0, 0, 0), (0, 0, 1), 700.0)).tolist()
     [5.0]
     """
-    points = np.ascontiguousarray(check_finite(points_mm, "distance_to_axis: points_mm"))
-    if points.size == 0:
-        return np.empty(0)
-    check_shape(points, (None, 3), "distance_to_axis: points_mm")
+    points = check_finite(points_mm, "distance_to_axis: points_mm", (None, 3))
     direction = np.asarray(cylinder.direction)
     length = float(np.linalg.norm(direction))
     check_number(length, "distance_to_axis: length of the cylinder's direction", above=0)
@@ -152,7 +148,7 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
     names no number, so both Gaussians have area 1.
     """
     air, wall = (
-        check_finite(values, f"crossing: {name}").ravel()
+        check_finite(values, f"crossing: {name}", (None,))
         for name, values in (("in_air_mm", in_air_mm), ("wall_mm", wall_mm))
     )
     if any(len(values) < 2 or np.ptp(values) == 0 for values in (air, wall)):
@@ -202,9 +198,7 @@ class InAir:
 
 def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     """Return the distance (n,) in mm of points (n, 3) from the axis; NaN if unknown."""
-    points = np.asarray(points_mm, dtype=np.float64)
-    points = points if points.size else points.reshape(0, 3)
-    check_shape(points, (None, 3), "InAir: points_mm")
+    points = check_finite(points_mm, "InAir: points_mm", (None, 3), gaps=True)
     known = ~np.isnan(points).all(axis=1)
     distance = np.full(len(points), np.nan)
     distance[known] = distance_to_axis(points[known], cylinder)

@@ -12,21 +12,15 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import (
-    InputError,
-    check_columns,
-    check_finite,
-    check_number,
-    check_shape,
-    check_whole,
-    known_numbers,
-)
+from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
 from kilnflight.ignition import BEFORE, NONE, SEEN, Ignition, IgnitionResult
 from kilnflight.regression import Fit
-from kilnflight.tables import FLIGHTS
+from kilnflight.tables import AXES, DETECTIONS, FLIGHTS, Table, order_tracks
 
+# frame, row, col, gray, x, y, z
+FLOWN = Table("tracks of flights", *DETECTIONS.columns[:3], *DETECTIONS.columns[4:8])
 LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
 UNTESTED = IgnitionResult(NONE)
 EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the gate of sec. 3.3
@@ -101,12 +95,12 @@ def flights(
     landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or FieldOfView()
-    columns = ["frame", "particle", "row", "col", "gray", "x", "y", "z"]
-    columns += ["background"] * (rules.ignition is not None and rules.ignition.above_background)
-    check_columns(tracks, columns, "flights: tracks")
     check_number(frame_rate_hz, "flights: frame_rate_hz", above=0)
-    table = tracks.assign(particle=check_whole(tracks["particle"], "flights: column particle"))
-    table = table[table["particle"] >= 0].sort_values("frame", kind="stable")
+    order, particle, _ = order_tracks(tracks, where := "flights: tracks")
+    table = FLOWN.check(tracks, where)
+    if "background" in tracks:
+        table["background"] = check_finite(tracks["background"], f"{where}: column background")
+    table = table.iloc[order].assign(particle=particle)
     by_particle = dict(iter(table.groupby("particle")))
     starts, rows = table.groupby("particle").head(1), []
     for name, fit in fits.items():
@@ -133,8 +127,7 @@ def _flight(
     ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame rate. The
     ending is decided from this track alone; `flights` corrects it to "lost".
     """
-    places = np.stack([known_numbers(track[axis], f"column {axis}") for axis in "xyz"], axis=1)
-    from_lance, start_mm = starts_at_lance(places, fit)
+    from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
     landed, end_s, wall_mm = end_of(fit, wall, in_air)
     time = track["frame"].to_numpy(np.float64) / rate_hz
     if not landed:  # the last detections may have no depth and so be unknown to the fit
@@ -175,8 +168,7 @@ def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
             return True
     if view.roi is None:
         return False
-    corners = check_finite(view.roi, "flights: view.roi")
-    check_shape(corners, (None, 2), "flights: view.roi")
+    corners = check_finite(view.roi, "flights: view.roi", (None, 2))
     place = (float(last["row"]), float(last["col"]))
     return cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True) < EDGE_PX
 

@@ -16,9 +16,9 @@ TOML                        a manifest, where depth, labels or metadata come in
 ==========================  ================================================================
 
 Numbers that are not there are frames that are not there. Of coloured pictures one channel is
-taken, by default the brightest of the first frame. Whole grey values from 0 to 65535 are taken as
-they are (8, 10, 12, 16 bit); others, such as floats from 0 to 1, are scaled linearly to that
-range, by the least and the largest value of the recording. `Attributes.notes` says so.
+taken, by default that which varies most in the first frame. Whole grey values from 0 to 65535 are
+taken as they are (8, 10, 12, 16 bit); others, such as floats from 0 to 1, are scaled linearly to
+that range, by the least and the largest value of the recording. `Attributes.notes` says so.
 
 A manifest says what lies where. Patterns are relative to it::
 
@@ -80,7 +80,7 @@ import scipy.io
 import tifffile
 
 from kilnflight.arrays import Picture
-from kilnflight.checks import InputError, check_shape, known_numbers
+from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, check_position
 from kilnflight.recording.store import StoredRecording, open_recording
 
@@ -202,7 +202,7 @@ def open_any(
         Path of a film, stack, folder, pattern, array, Zarr recording or manifest; or an array
         (frame, row, col), with colours (frame, row, col, 3); or anything indexable of pictures.
     channel
-        ``"red"``, ``"green"`` or ``"blue"``; None: of coloured pictures the brightest.
+        ``"red"``, ``"green"`` or ``"blue"``; None: of coloured pictures that which varies most.
     frame_rate_hz
         None: that of the film, or 1. Zarr recordings and manifests state rate and channel
         themselves; with them both are refused.
@@ -248,8 +248,8 @@ def _recording(
     first = np.asarray(images[0])
     colours = first[..., :3] if first.ndim == 3 else np.empty((1, 1, 0))
     if channel is None and (colours != colours[..., :1]).any():
-        channel = CHANNELS[colours.mean(axis=(0, 1)).argmax()]
-        notes.append(f"coloured pictures: channel {channel}, the brightest, is used")
+        channel = CHANNELS[colours.std(axis=(0, 1)).argmax()]
+        notes.append(f"coloured pictures: channel {channel}, which varies most, is used")
     elif channel not in (None, *CHANNELS[: colours.shape[2]]):
         raise InputError(f"{where}: it has no channel {channel!r}. Leave it out, or name a colour.")
     index, step = count_frames(numbers)
@@ -334,7 +334,7 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
 
 def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return pixels and positions in one file, without pixels that have no depth."""
-    array, grid = known_numbers(read_array(path, part.key), str(path)), part.form == "grid"
+    array, grid = real_numbers(read_array(path, part.key), str(path)), part.form == "grid"
     check_shape(array, (*size, 3) if grid else (None, 5), str(path))
     pixels: Any = np.indices(size).reshape(2, -1).T if grid else array[:, :2] - part.origin
     xyz = array[..., -3:].reshape(-1, 3)

@@ -129,15 +129,17 @@ def run_recording(
     given, recording = Options(**options), open_any(source)
     given.check(recording)
     target = Path(target or f"{recording.attributes.name}-run")
-    if target.resolve().is_relative_to(getattr(recording, "path", target / "parts").resolve()):
+    files = getattr(getattr(recording, "images", None), "files", [target / "parts" / "none"])
+    if target.resolve().is_relative_to(getattr(recording, "path", files[0].parent).resolve()):
         raise InputError(f"{target}: lies in the recording. Give another folder to write to.")
-    stored = _stored(recording, target / "parts")
+    parts = target / "parts"
+    stored = recording if isinstance(recording, StoredRecording) else _stored(recording, parts)
     kiln_run, rows = prepare(stored, target, given)
     kiln.make_tables([kiln_run], workers, ())
     if not kiln_run.post_processing or given.max_step:
         motion = motion_of(kiln_run.detection.detections(), given.max_step)
         kiln_run = replace(kiln_run, motion=motion)
-        rows.append(("motion", f"{motion.velocity} px down, right; change {motion.noise:g} px"))
+        rows.append(("motion", f"expected step {motion.velocity} px; change {motion.noise:g} px"))
     kiln.make_tables([kiln_run], workers)
     tables = {"detections": kiln_run.detection.detections()}
     tables |= {step: kiln_run.table(step)() for step in KILN_STEPS}
@@ -158,10 +160,8 @@ class _Room(ModuleType):
 sys.modules[__name__].__class__ = _Room
 
 
-def _stored(recording: FileRecording | StoredRecording, folder: Path) -> StoredRecording:
+def _stored(recording: FileRecording, folder: Path) -> StoredRecording:
     """Return the recording, or its Zarr copy in a folder: films cannot be read at random."""
-    if isinstance(recording, StoredRecording):
-        return recording
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
     try:
@@ -185,6 +185,7 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
         contents[f"{name}.csv"] = known.to_csv(index=False).encode()
     contents |= {f"{name}.png": png(it) for name, it in pictures(recording, tables, frames)}
     with locked(folder):
+        (folder / "mean-square-displacement.png").unlink(missing_ok=True)  # of another run
         for name, content in contents.items():
             clear_parts(folder / name)
             write_whole(folder / name, content)

@@ -17,8 +17,7 @@ from kilnflight.recording.frames import Recording
 from kilnflight.run.preparation import Options, choose, spread
 from kilnflight.run.report import Tables
 from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
-from kilnflight.tables import with_pixels
-from kilnflight.tracklets import tracked
+from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
 
 PREVIEW_FRAMES, PREVIEW_STEPS = 3, (0.5, 1.0, 2.0)  # frames, and multiples of the threshold
 
@@ -70,8 +69,11 @@ def plot_tracks(source: Any, tracks: pd.DataFrame) -> Figure:
     particle and row, col or y, x in pixels.
     """
     figure, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
-    style.draw_frame(axes, open_any(source).gray(0))
-    style.draw_tracks(axes, tracked(with_pixels(tracks)))
+    style.draw_frame(axes, gray := open_any(source).gray(0), 1 + gray.shape[1] // 800)
+    table = with_pixels(tracks)
+    rows = order_tracks(table, where := "plot_tracks: tracks")[0]
+    places = TO_TRACK.check(table.assign(z=1.0), where).assign(particle=table["particle"])
+    style.draw_tracks(axes, places.iloc[rows])
     return figure
 
 

@@ -19,7 +19,7 @@ from kilnflight.arrays import Array, Single
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.models import Surroundings
 from kilnflight.belt.links import more_rests, shaken_px
-from kilnflight.checks import InputError, check_number, check_shape
+from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.detection import DBSCAN, DoG, Otsu
 from kilnflight.detection.combination import Combination, Planar
 from kilnflight.detection.noise import block_noise, pixel_noise
@@ -34,6 +34,7 @@ Rows = list[tuple[str, str]]  # name of a setting, or "note"; value and why, for
 EXPLAINED = ("in_air_mm", "background", "threshold", "post_processing")  # or not used
 SHAKEN = "The picture shakes by {:.1f} px a frame: edges may count as particles. Register it first."
 LONG = "Areas have a radius of {:.1f} px, round spots {:.1f} px: try --detector otsu, by preview."
+NO_LANCE = "unknown, so there are no flights; a manifest has lance_mm"
 RESTING = "{} of {} spots stay in place and count as background; --background none keeps them"
 REASON = ("from the noise", "from the noise, at least that of the thesis")  # without, with depth
 LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
@@ -100,8 +101,7 @@ class Options:
                 check_number(value, name, above=0)
         for name, length in {"roi": 4, "frames": 2}.items():
             if (value := getattr(self, name)) is not None:
-                check_shape(np.asarray(value), (length,), name)
-                for number in value:
+                for number in check_finite(value, name, (length,)).tolist():
                     check_number(number, name, least=0, whole=True)
                 object.__setattr__(self, name, tuple(value))
         for name, known in {"detector": ("dog", "otsu"), "background": BACKGROUNDS}.items():
@@ -219,7 +219,7 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
         enlarge = 4 if size < 4 else 2 if size < 8 else 1
     elif not (deep or areas):
         one, two, four = (sum(map(len, spots(word, times))) for times in (1, 2, 4))
-        enlarge = 4 if four > 2 * max(one, two) else 2 if two > 2 * one or options.small else 1
+        enlarge = 4 if four > 2 * max(one, two) else 2 if two > 1.4 * one or options.small else 1
         rows.append(("enlarged", f"{enlarge} times (spots: {one}, 2 times {two}, 4 times {four})"))
     if not (deep or areas):
         rows += [("warning", doubt) for doubt in _doubts(seen, look(word), spots(word, enlarge))]
@@ -328,9 +328,7 @@ def _geometry(recording: StoredRecording, rows: Rows) -> tuple[Vector | None, Cy
     deep, lance = np.flatnonzero(recording.per_frame["points"]), recording.attributes.exit_point_mm
     if not len(deep):
         return None, None
-    no_lance = "unknown, so there are no flights; a manifest has lance_mm"
-    place = no_lance if lance is None else f"{np.round(lance, 1)} mm, depth calibrated"
-    rows.append(("lance", place))
+    rows.append(("lance", f"{np.round(lance, 1)} mm, depth calibrated" if lance else NO_LANCE))
     try:
         wall = fitted_wall(recording, deep[spread(len(deep), 5)].tolist())
     except InputError as error:

@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers
 from kilnflight.camera import inside
-from kilnflight.checks import check_finite, check_number, check_shape
+from kilnflight.checks import check_finite, check_number
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
 NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 calls it
@@ -47,7 +47,7 @@ def rates(
     [0.9772, 0.7422, 0.8436]
     """
     tp, fp, fn = (
-        np.atleast_1d(np.asarray(counts, dtype=np.float64))
+        check_finite(counts, "rates: counts").ravel()
         for counts in (true_positives, false_positives, false_negatives)
     )
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
@@ -111,7 +111,8 @@ def score_detections(
     [[0, 1], [1, 0]]
     """
     check_number(gate, "score_detections: gate", above=0)
-    places = [_places(truth, "truth"), _places(detected, "detected")]
+    given = {"truth": truth, "detected": detected}
+    places = [check_finite(values, name, (None, 2)) for name, values in given.items()]
     true, found = (_within(roi, points) for points in places)
     near = pair(places[0][true], places[1][found], gate)
     return _score(true, found, np.stack([true[near[:, 0]], found[near[:, 1]]], axis=1))
@@ -161,7 +162,7 @@ def score_in_pixels(
     Others in the same particle are false positives. The thesis does not say which one counts.
     A detection inside the region of a particle whose centroid is outside is false as well.
     """
-    places, middle = _places(detected, "detected"), centroids.to_numpy()
+    places, middle = check_finite(detected, "detected", (None, 2)), centroids.to_numpy()
     true, found = _within(roi, middle), _within(roi, places)
     nearest = np.floor(places + 0.5)
     on_image = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
@@ -173,15 +174,6 @@ def score_in_pixels(
     ranked = usable[np.lexsort((usable, distance, hit[usable]))]
     particle, first = np.unique(hit[ranked], return_index=True)
     return _score(true, found, np.stack([particle, ranked[first]], axis=1))
-
-
-def _places(values: npt.ArrayLike, name: str) -> Array:
-    """Return row, col in px as (n, 2), checked; ``name`` is for errors."""
-    array = check_finite(values, name)
-    if array.size == 0:
-        return np.empty((0, 2))
-    check_shape(array, (None, 2), name)
-    return array
 
 
 def _within(roi: npt.ArrayLike | None, places: Array) -> Index:

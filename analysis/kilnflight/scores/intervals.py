@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy.stats import binomtest
 
 from kilnflight.arrays import Array
-from kilnflight.checks import check_number
+from kilnflight.checks import check_finite, check_number
 from kilnflight.scores.tracks import TrackScore
 
 LEVEL = 0.95
@@ -50,7 +50,8 @@ class Interval(NamedTuple):
 def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
     """Return the ends of the interval that holds the middle 95 % of draws (n,)."""
     tail = (1 - LEVEL) / 2
-    low, high = np.quantile(np.asarray(values, dtype=np.float64), [tail, 1 - tail])
+    draws = check_finite(values, "percentiles: values", (None,))
+    low, high = np.quantile(draws, [tail, 1 - tail]) if len(draws) else (math.nan, math.nan)
     return float(low), float(high)
 
 
@@ -65,7 +66,7 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
     Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent for
     medians. The interval is infinite with fewer than `LEAST` values.
     """
-    sample = np.asarray(values, dtype=np.float64)
+    sample = check_finite(values, "median_interval: values", (None,))
     number = len(sample)
     estimate = float(np.median(sample)) if number else math.nan
     if number < LEAST:

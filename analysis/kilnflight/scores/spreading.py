@@ -15,6 +15,7 @@ TRY = (
 )
 FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
 FASTER = "Links are doubtful; record faster, or raise --threshold."
+FEW = 10  # detections; hardly a particle was found
 PAIRS = 30  # fewer displacements make no mean
 
 
@@ -89,8 +90,8 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col (px).
     """
     linked = followed(tracks)
-    if tracks.empty:
-        yield f"Nothing was detected. {TRY}"
+    if len(tracks) < FEW:
+        yield f"{len(tracks)} particles were detected. {TRY}"
     elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
         yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
     steps, apart = speeds(linked), neighbour_px(tracks)

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
-from kilnflight.checks import check_columns, check_finite, check_number, check_whole, known_numbers
+from kilnflight.checks import check_columns, check_finite, check_number
 from kilnflight.tables import TO_TRACK, plain, with_pixels
 from kilnflight.tracking.filter import (
     ConstantVelocity,
@@ -214,32 +214,32 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     in the first one. Unknown z and points are NaN. Within a frame, detections are sorted by row,
     col, z, points: ids of new tracks and ties then do not depend on the order of the table.
     """
-    where = TO_TRACK.name
     table = with_pixels(table)
     optional = [name for name in ("particle", "z", "points") if name in table.columns]
-    check_columns(table, [*TO_TRACK.names, *optional], where)
     rows = np.arange(len(table))
     if "particle" in optional:
         rows = rows[(table["particle"] != -1).to_numpy(dtype=bool, na_value=True)]
         table = table.iloc[rows]
-    frames = check_whole(table["frame"], f"{where}: column frame")
-    check_number(frames.min(initial=0), f"{where}: column frame", least=0)
-    row, col = (check_finite(table[name], f"{where}: column {name}") for name in ("row", "col"))
-    z, points = np.full((2, len(table)), np.nan)
-    if "z" in optional:
-        z = known_numbers(table["z"], f"{where}: column z")
-        check_finite(z[~np.isnan(z)], f"{where}: column z")
+    table = table if "z" in optional else table.assign(z=np.nan)
+    frames, row, col, z = TO_TRACK.check(table, once=True).to_numpy(np.float64).T
+    points = np.full(len(table), np.nan)
     if "points" in optional:
-        points = known_numbers(table["points"], f"{where}: column points")
+        points = check_finite(table["points"], "detections to track: column points", gaps=True)
         points = np.where(points > 0, points, np.nan)
     extra = [values for values in (points, z) if not np.isnan(values).all()]
     order = np.lexsort((*extra, col, row, frames))
-    numbers, starts = np.unique(frames[order], return_index=True)
+    numbers, starts = np.unique(frames[order].astype(np.int64), return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
     parts = np.split(order, starts[1:]) if len(order) else []
     for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=True):
-        positions = np.column_stack([row[part], col[part]])
-        yield Detected(positions, z[part], points[part], number, span, rows[part])
+        yield Detected(
+            np.stack([row[part], col[part]], axis=1),
+            z[part],
+            points[part],
+            number,
+            span,
+            rows[part],
+        )
 
 
 def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dtype[np.void]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Array, Index, Integers, Whole
-from kilnflight.checks import check_columns, check_finite, check_whole, known_numbers
+from kilnflight.checks import check_columns, check_finite, check_whole
 from kilnflight.tables import order_tracks
 
 
@@ -94,9 +94,7 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
     check_columns(tracks, names, where)
     place = np.full((len(tracks), max(3, len(names))), np.nan)
     for k, name in enumerate(names):
-        place[:, k] = known_numbers(tracks[name], f"{where}: column {name}")
-        known = place[:, k] if k < 2 else place[~np.isnan(place[:, k]), k]
-        check_finite(known, f"{where}: column {name}")
+        place[:, k] = check_finite(tracks[name], f"{where}: column {name}", gaps=k > 1)
     return Paths(rows, frame, place[rows], rows[:0]).grouped(particle)
 
 
