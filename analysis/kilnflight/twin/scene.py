@@ -7,7 +7,7 @@ grows with the length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.twin.background import Background, Surroundings
 from kilnflight.twin.feeding import LABELLED, feed_campaign, feed_subset, handfuls
 from kilnflight.twin.geometry import FULL_SCALE, Geometry
-from kilnflight.twin.lenses import LensCamera, LensWall, Sight
+from kilnflight.twin.lenses import Lattice, LensCamera, LensWall, Sight
 from kilnflight.twin.life import Life, Moment
 from kilnflight.twin.light import Looks, Optics, draw_looks
 from kilnflight.twin.picture import Blobs, Bodies, Pixels, cover, draw_bodies, paint, project
@@ -121,9 +121,18 @@ class Twin:
         generator = np.random.default_rng([self.scene.seed, 301])
         return generator.standard_normal(size, dtype=np.float32)
 
-    def prepare(self) -> None:
-        """Work out what does not change from frame to frame."""
-        _ = self.life, self._wall, self._background.solid_mm
+    def still(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays that take seconds to make and do not change from frame to frame."""
+        wall = {each.name: getattr(self._wall, each.name) for each in fields(LensWall)[2:]}
+        return wall | {"level": self._background.level, "solid_mm": self._background.solid_mm}
+
+    def recall(self, still: dict[str, npt.NDArray[Any]]) -> None:
+        """Take the arrays of `still` from an earlier run of the same scene."""
+        for name in ("level", "solid_mm"):
+            self._background.__dict__[name] = still.pop(name)
+        place, camera = self.scene.geometry, self.scene.depth
+        lattice = Lattice(place.rows, place.columns, camera.lenses)
+        self.__dict__["_wall"] = LensWall(camera, lattice, **still)
 
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""

@@ -8,10 +8,11 @@ of the campaigns follows from the trajectories in the windows of Table 5.15.
 from __future__ import annotations
 
 import hashlib
-import pickle
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -202,9 +203,9 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
 def cached_scene(name: str, seed: int | None = None) -> Twin:
     """Return the recording of a scene as `open_scene` does, sooner.
 
-    Flights, wall and the pixels with depth depend on the scene alone and take seconds. The
-    recording is kept with them in data/derived, under the hash of the scene and of the twin's code.
-    Its frames are the same to the bit.
+    Wall and pixels with depth depend on the scene alone and take seconds. They are kept in
+    data/derived, under the hash of the scene and of the twin's code. Frames are the same to the
+    bit.
 
     Raises
     ------
@@ -215,15 +216,16 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
     if name.partition("@")[2] not in ("", "small"):  # others are used once, and there are many
         return twin
     text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
-    kept = f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.pickle"
+    kept = f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
     path = paths.derived() / kept
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_suffix(".lock")):
         if not path.is_file():
-            twin.prepare()
-            write_whole(path, pickle.dumps(twin, pickle.HIGHEST_PROTOCOL))
+            np.savez(buffer := io.BytesIO(), **twin.still())  # type: ignore[arg-type]
+            write_whole(path, buffer.getvalue())
     try:
-        prepared: Twin = pickle.loads(path.read_bytes())
-    except (pickle.UnpicklingError, EOFError, ValueError) as error:
+        with np.load(path) as kept:  # without objects: a file cannot run code
+            twin.recall(dict(kept))
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise InputError(f"{path}: cannot be read ({error}). Delete it.") from error
-    return prepared
+    return twin
