@@ -23,10 +23,10 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import camera
+from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, paths, style
-from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.geometry import Geometry

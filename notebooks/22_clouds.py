@@ -23,10 +23,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
+from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection, detection_tables, plots
 from kilnflight.project import claims, figures, style
-from kilnflight.recording.frames import calibrated_cloud
 
 # %%
 style.use_style()

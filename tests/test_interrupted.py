@@ -18,7 +18,7 @@ from kilnflight.__main__ import main
 kiln.CHUNK_FRAMES, real = 8, pathlib.Path.replace
 
 def replace(self, target):
-    if len(list(self.parent.glob("detections-*.parquet"))) == 1:
+    if len(list(pathlib.Path(target).parent.glob("detections-*.parquet"))) == 1:
         os.kill(os.getpid(), 9)
     return real(self, target)
 
@@ -91,7 +91,7 @@ def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, cap
     write_bytes = Path.write_bytes
 
     def full(self, content):
-        if ".flights" in self.name:
+        if self.name.startswith("flights"):
             self.open("wb").close()
             raise OSError(28, "No space left on device")
         return write_bytes(self, content)
@@ -102,7 +102,7 @@ def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, cap
             main(command(tmp_path))
     (line,) = capsys.readouterr().err.splitlines()
     assert "No space left on device" in line
-    assert "make room" in line
+    assert "room" in line
     assert not list(tmp_path.rglob("*.part"))
     assert not list(tmp_path.rglob("flights*.parquet"))
     main(command(tmp_path))

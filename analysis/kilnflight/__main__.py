@@ -49,6 +49,7 @@ def _info(options: argparse.Namespace) -> None:
         recording = write_recording(recording, options.to or f"{recording.attributes.name}.zarr")
         print(f"imported as {recording.path}")
     print(aligned(summarise_recording(recording)))
+    recording.content()  # refused where it was changed after it was written
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -57,8 +58,6 @@ def _export(options: argparse.Namespace) -> None:
 
     recording = scenes.open_scene(options.scene, seed=options.seed)
     frames = range(*options.frames or (len(recording),))
-    if not frames or frames[0] < 0 or frames[-1] >= len(recording):
-        raise InputError(f"--frames: {options.scene} has 0 to {len(recording)}; A is below B.")
     stored = write_recording(recording, options.folder, frames, truth.tables(recording, frames))
     print(f"exported {len(stored)} frames of {stored.attributes.name} to {options.folder}")
 
@@ -76,14 +75,15 @@ def _track(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.association import GNN, JPDA
     from kilnflight.recording.track_files import check_table_target, read_table, write_table
+    from kilnflight.scores.spreading import doubtful_links, followed
 
     check_table_target(options.tracks, options.format)
     table, associator = read_table(options.detections), JPDA() if options.jpda else GNN()
     tracks = run.track_detections(table, associator, progress=True, **_settings(options))
     write_table(tracks, options.tracks, options.format)
-    linked = run.followed(tracks)
+    linked = followed(tracks)
     found = f"{linked.particle.nunique()} tracks with {len(linked)} of {len(tracks)} detections"
-    print(found, *(f"warning: {doubt}" for doubt in run.doubtful_links(tracks)), sep="\n")
+    print(found, *(f"warning: {doubt}" for doubt in doubtful_links(tracks)), sep="\n")
 
 
 def _run(options: argparse.Namespace) -> None:

@@ -68,9 +68,7 @@ class DepthCalibration:
         table = table[np.argsort(table[:, 0], kind="stable")]
         steps = np.diff(table, axis=0)
         if len(steps) < 1 or (steps <= 0).any():
-            raise InputError(
-                "depth table: give two or more pairs (captured, true), both ascending."
-            )
+            raise InputError("depth table: two or more pairs (captured, true), both ascending.")
         slopes = steps[:, 1] / steps[:, 0]
         lines = np.column_stack([slopes, table[:-1, 1] - slopes * table[:-1, 0]])
         return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
@@ -154,10 +152,8 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
         closed = tuple(map(bool, stated.get("closed_left", ())))
         return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
     except (TypeError, KeyError, AttributeError):
-        raise InputError(
-            f"depth_calibration: {stated!r}, expected one of {', '.join(_BY_NAME)}, pairs "
-            "[captured, true] in mm, or breakpoints_mm with coefficients."
-        ) from None
+        known = f"{', '.join(_BY_NAME)}, pairs, or breakpoints_mm with coefficients"
+        raise InputError(f"depth_calibration: {stated!r} is none of {known}.") from None
 
 
 def calibrate_depth(z: npt.ArrayLike) -> Array:
@@ -272,7 +268,9 @@ def fit_depth_segments(
     return DepthCalibration(breakpoints, tuple(tuple(row) for row in fitted.tolist()))
 
 
-def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration | None) -> Array:
+def calibrate_points(
+    captured_mm: npt.ArrayLike, calibration: DepthCalibration | None, where: str = "captured points"
+) -> Array:
     """Return points (n, 3) x, y, z with their true depth, in mm.
 
     Parameters
@@ -282,6 +280,8 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
     calibration
         That of the recording's camera (`Attributes.depth_calibration`); None: depths are
         true as captured.
+    where
+        Begins the message of an error.
 
     Raises
     ------
@@ -293,20 +293,38 @@ def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration |
     The thesis calibrates depth and does not say what becomes of x and y. A point belongs to
     a pixel, so it stays on that pixel's ray: x and y change in proportion to z.
     """
-    points = check_finite(captured_mm, "captured points", (None, 3))
+    points = check_finite(captured_mm, where, (None, 3))
     depth = points[:, 2:]
     if not (depth > 0).all():
-        raise InputError(f"captured points: point {np.argmin(depth)} has depth {depth.min():g} mm.")
+        raise InputError(f"{where}: point {np.argmin(depth)} has depth {depth.min():g} mm.")
     if calibration is None:
         return points
     true = calibration(depth)
     if not (true > 0).all():
         k = int(np.argmin(true))
         raise InputError(
-            f"captured points: the recording's depth calibration makes {true[k, 0]:.0f} mm of "
+            f"{where}: the recording's depth calibration makes {true[k, 0]:.0f} mm of "
             f"{depth[k, 0]:.0f} mm. Each camera has its own: state the one of this camera."
         )
     return points * (true / depth)
+
+
+def calibrated_cloud(recording: Any, t: int) -> Array:
+    """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
+    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
+
+
+def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
+    """Return a frame for each number, and the step of the numbers.
+
+    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
+    """
+    each, place = np.unique(numbers, return_inverse=True)
+    steps = np.diff(each) if len(each) > 1 else np.ones(1)
+    # of unequal steps the middle one, as time stamps vary
+    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
+    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    return each[place].astype(int).tolist(), step
 
 
 def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:

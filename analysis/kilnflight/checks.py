@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Sequence
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Whole
 
-if TYPE_CHECKING:  # notebooks start faster without it
-    import pandas as pd
-
-
 LARGEST_WHOLE = 2.0**53  # above it a float no longer holds every whole number
 
 
+def printable(text: object) -> str:
+    """Return a text in one line, control characters as escapes: no name commands a terminal."""
+    return re.sub(r"[\x00-\x1f\x7f-\x9f]", lambda found: repr(found[0])[1:-1], str(text))
+
+
 class InputError(ValueError):
-    """Unusable input; the message says what, where and what to do."""
+    """Unusable input; the message says what, where and what to do, in one line."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
-def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:
+def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless ``table`` has all ``columns``."""
     if not hasattr(table, "columns"):
         raise InputError(f"{where}: {type(table).__name__} is no table; pass a pandas DataFrame.")
@@ -84,7 +89,7 @@ def check_finite(
     return array
 
 
-def check_whole(values: pd.Series, where: str) -> Whole:
+def check_whole(values: Any, where: str) -> Whole:
     """Return a column of whole numbers as int64, also where floats hold them."""
     if values.dtype == np.int64 or not len(values):  # without rows it has no type to speak of
         return values.to_numpy(np.int64)

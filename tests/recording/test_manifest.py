@@ -11,10 +11,10 @@ import pytest
 import scipy.io
 import tifffile
 
+from kilnflight.camera import calibrated_cloud
 from kilnflight.checks import InputError
 from kilnflight.recording import files as module
 from kilnflight.recording.files import open_any
-from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.recording.store import write_recording
 from kilnflight.run.report import summarise_recording
 

@@ -90,7 +90,7 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
     name = "wood-chip-4.5-bar@small"
     first = scenes.cached_scene(name)
     monkeypatch.setattr(
-        "kilnflight.twin.scene.feed_campaign", lambda *_: pytest.fail("worked out again")
+        "kilnflight.twin.scene.LensWall.of", lambda *_: pytest.fail("worked out again")
     )
     kept = scenes.cached_scene(name)
     same_frame(kept.frame(205), first.frame(205))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight import kiln
+from kilnflight import camera, kiln
 from kilnflight.background import BackgroundModel, Median, TwoFrame
 from kilnflight.checks import InputError
 from kilnflight.detection import (
@@ -38,7 +38,7 @@ from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.detection.sift import Polygon
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.project import claims
-from kilnflight.recording.frames import Recording, calibrated_cloud
+from kilnflight.recording.frames import Recording
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, particle_centroids
 from kilnflight.twin import scenes, truth
@@ -291,7 +291,7 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
 
     These are the largest cluster of DBSCAN's first pass in one frame, after depth calibration.
     """
-    points = calibrated_cloud(recording, frame)
+    points = camera.calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from kilnflight.checks import InputError
@@ -27,7 +28,7 @@ if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
 PACKAGE = Path(__file__).parents[1]
-AGAIN = "Finished parts are kept: make room (disk, memory) and run it again to continue."
+AGAIN = "Is there room, on disk and in memory? Finished parts are kept; run it again."
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -41,23 +42,27 @@ def write_whole(path: Path, content: bytes) -> None:
 def make_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call ``write`` with a temporary path, then rename that to ``path``.
 
-    ``write`` makes a file or a folder. An existing one is replaced only when it is complete.
+    ``write`` makes a file or a folder. An existing one is replaced only when it is complete. Links
+    are followed; a device or a pipe is written into.
 
     Raises
     ------
     InputError
         If it cannot be written, as on a full disk.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        write(part)
-        if part.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}). {AGAIN}") from error
-    finally:
-        _remove(part)
+        path = path.resolve()
+        if path.exists() and not path.is_file() and not path.is_dir():
+            write(path)
+            return
+        with TemporaryDirectory(".part", f".{path.name}.", path.parent) as folder:
+            write(part := Path(folder, path.name))
+            if part.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            part.replace(path)
+    except (OSError, RuntimeError) as error:  # RuntimeError: of links in a circle
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be written ({reason}). {AGAIN}") from error
 
 
 def clear_parts(path: Path) -> None:
@@ -66,12 +71,7 @@ def clear_parts(path: Path) -> None:
     Call it only while its writers are `locked` out; a running one would lose its file.
     """
     for part in path.parent.glob(f".{path.name}.*.part"):
-        _remove(part)
-
-
-def _remove(path: Path) -> None:
-    shutil.rmtree(path, ignore_errors=True)  # a folder
-    path.unlink(missing_ok=True)
+        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

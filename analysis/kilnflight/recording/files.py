@@ -63,7 +63,6 @@ import fnmatch
 import glob
 import hashlib
 import logging
-import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -79,16 +78,17 @@ import pandas as pd
 import scipy.io
 import tifffile
 
-from kilnflight.arrays import Picture
-from kilnflight.checks import InputError, check_shape, real_numbers
+from kilnflight.camera import count_frames
+from kilnflight.checks import InputError, check_columns, check_shape, real_numbers
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, check_position
 from kilnflight.recording.store import StoredRecording, open_recording
+from kilnflight.recording.track_files import read_csv
 
 FILMS, TIFFS = (".avi", ".mkv", ".mov", ".mp4"), (".tif", ".tiff")
 PICTURES, CHANNELS = (".bmp", ".jpeg", ".jpg", ".png"), ("red", "green", "blue")
 POINT = ["row", "col", "x", "y", "z"]
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # they hold nothing but grey values of 16 bits
-WHITE = 65_535  # the largest grey value
+WHITE, MOST_PX = 65_535, 200_000_000  # the largest grey value, the largest picture
 Anything = npt.NDArray[Any]
 # Keys of a manifest and of its tables, each with a regular expression of its value's `repr`
 TEXT, NUMBER, PARTS = r"['\"].*", r"-?(?:inf|nan|\d[\d.e+-]*)", ("gray", "coordinates", "labels")
@@ -99,24 +99,12 @@ MANIFEST |= {"roi": rf"\[(\[{NUMBER}, {NUMBER}\](, )?)+\]", "depth_calibration":
 PART = dict.fromkeys(("pattern", "key", "channel"), TEXT) | {"invalid": f"'nan'|{NUMBER}"}
 PART |= {"form": "'grid'|'points'", "unit": "'mm'|'m'", "origin": "[01]"}
 PART |= {"classes": r"\{('-?\d+': [0-4](, )?)*\}"}  # of Table 5.1
+DEFAULTS = {"form": "grid", "invalid": "nan", "unit": "mm", "origin": 0, "classes": {}}
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what is raised here
 
 
-@dataclass(frozen=True)
-class Part:
-    """Files of grey values, coordinates or labels: one table of a manifest."""
-
-    pattern: str
-    key: str | None = None
-    channel: str | None = None
-    form: str = "grid"
-    invalid: float | str = "nan"
-    unit: str = "mm"
-    origin: int = 0
-    classes: Mapping[str, int] = field(default_factory=dict)
-
-
+Part = Mapping[str, Any]  # one table of a manifest
 Parts = Mapping[str, tuple[Part, dict[int, Path]]]  # with the files by number of the frame
 
 
@@ -221,7 +209,7 @@ def open_any(
     if hasattr(source, "attributes"):  # open already
         return source
     name, indexed = "array", hasattr(source, "__len__") and hasattr(source, "__getitem__")
-    if isinstance(source, str | os.PathLike):
+    if isinstance(source, str | Path):
         path, manifest = Path(source), Path(source).suffix.lower() == ".toml"
         is_there = path.exists() or re.search(r"[*?{\[]", str(path))
         if manifest or not is_there or (path / "zarr.json").is_file():
@@ -230,7 +218,7 @@ def open_any(
                 raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
             return recording
         name = (path if path.exists() else path.parent).resolve().stem  # of a pattern: the folder
-        images, numbers = _images(Part(str(path)), Path())
+        images, numbers = _images(DEFAULTS | {"pattern": str(path)}, Path())
     elif indexed and not hasattr(source, "keys") and getattr(source, "shape", True):
         images, numbers = source, range(len(source))
     else:
@@ -271,19 +259,6 @@ def _recording(
     return FileRecording(Attributes.from_json(found), numbers, index, images, channel, scale, parts)
 
 
-def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
-    """Return a frame for each number, and the step of the numbers.
-
-    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
-    """
-    each, place = np.unique(numbers, return_inverse=True)
-    steps = np.diff(each) if len(each) > 1 else np.ones(1)
-    # of unequal steps the middle one, as time stamps vary
-    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
-    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
-    return each[place].astype(int).tolist(), step
-
-
 def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
     """Return one channel of a picture, or raise an `InputError`."""
     array = np.asarray(image)
@@ -306,11 +281,11 @@ def _ends(image: Anything) -> tuple[float, float, bool]:
 
 def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
     """Return the pictures of a file, folder or pattern, and the frames' numbers."""
-    path, ending = folder / part.pattern, Path(part.pattern).suffix.lower()
+    path, ending = folder / part["pattern"], Path(part["pattern"]).suffix.lower()
     if not path.is_file():
-        found = _numbered(part.pattern, folder)
-        return PictureFiles(list(found.values()), part.key), list(found)
-    images: Any = Film(path) if ending in FILMS else read_array(path, part.key, stack=True)
+        found = _numbered(part["pattern"], folder)
+        return PictureFiles(list(found.values()), part.get("key")), list(found)
+    images: Any = Film(path) if ending in FILMS else read_array(path, part.get("key"), stack=True)
     return images, range(len(images))
 
 
@@ -321,9 +296,9 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
     last, named = number + r"[^\d/]*\.\w+$", fnmatch.translate(text).replace("FRAME", number, 1)
     files, endings = dict[int, Path](), PICTURES + TIFFS if whole else ("",)
     names = glob.glob(text.replace("FRAME", "*"), root_dir=folder)
-    for name in sorted(name for name in names if name.lower().endswith(endings)):
+    for name in sorted(n for n in names if n.lower().endswith(endings) and (folder / n).is_file()):
         found, path = re.search(named if "FRAME" in text else last, name), folder / name
-        if not found or int(found["number"]) in files:
+        if not found or int(found["number"]) in files or int(found["number"]) >= 2**63:
             advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
             raise InputError(f"{path}: has no number, or that of another file. {advice}.")
         files[int(found["number"])] = path
@@ -334,29 +309,28 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
 
 def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return pixels and positions in one file, without pixels that have no depth."""
-    array, grid = real_numbers(read_array(path, part.key), str(path)), part.form == "grid"
+    array, grid = real_numbers(read_array(path, part.get("key")), str(path)), part["form"] == "grid"
     check_shape(array, (*size, 3) if grid else (None, 5), str(path))
-    pixels: Any = np.indices(size).reshape(2, -1).T if grid else array[:, :2] - part.origin
+    pixels: Any = np.indices(size).reshape(2, -1).T if grid else array[:, :2] - part["origin"]
     xyz = array[..., -3:].reshape(-1, 3)
-    missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype(np.float32) == np.float32(part.invalid))
+    unknown = np.float32(part["invalid"])
+    missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype(np.float32) == unknown)
     pixels, xyz = pixels[~missing], xyz[~missing]
     if not (np.abs(pixels) < 2**31).all() or (pixels % 1).any() or (len(missing) and not len(xyz)):
         raise InputError(f"{path}: row and col of a point are not whole, or none has a position.")
     with np.errstate(over="ignore"):  # what is too large becomes infinite, which is refused
-        positions = (xyz * (1000.0 if part.unit == "m" else 1.0)).astype(np.float32)
+        positions = (xyz * (1000.0 if part["unit"] == "m" else 1.0)).astype(np.float32)
     return {"pixels": pixels.astype(np.int32), "xyz": positions}
 
 
-def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Picture]:
+def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return the classes of Table 5.1 in one file."""
-    image = read_array(path, part.key)
-    check_shape(image, size, str(path))
-    labels = np.full(size, 255, np.uint8)
-    for theirs, ours in part.classes.items():
-        labels[image == int(theirs)] = ours
-    if (unknown := image[labels == 255]).size:
-        raise InputError(f"{path}: class {unknown[0]} is not in classes. Add it.")
-    return {"labels": labels}
+    check_shape(image := read_array(path, part.get("key")), size, str(path))
+    theirs = {int(label): ours for label, ours in part["classes"].items()}
+    labels = pd.Series(image.ravel()).map(theirs)
+    for unknown in image.ravel()[labels.isna()][:1]:
+        raise InputError(f"{path}: class {unknown} is not in classes. Add it.")
+    return {"labels": labels.to_numpy(np.uint8).reshape(size)}
 
 
 def _manifest(manifest: Path) -> FileRecording:
@@ -367,14 +341,15 @@ def _manifest(manifest: Path) -> FileRecording:
         _check_table(table, MANIFEST, "name", "frame_rate_hz", "gray")
         for name in table.keys() & set(PARTS):
             _check_table(table[name], PART, "pattern", where=f"[{name}] ")
-        parts = {name: Part(**table.pop(name)) for name in PARTS if name in table}
+        parts = {name: DEFAULTS | table.pop(name) for name in PARTS if name in table}
         images, numbers = _images(gray := parts.pop("gray"), folder)
-        files = {name: (part, _numbered(part.pattern, folder)) for name, part in parts.items()}
+        files = {name: (part, _numbered(part["pattern"], folder)) for name, part in parts.items()}
         for _, found in files.values():
             if extra := found.keys() - set(numbers):
                 raise InputError(f"{found[min(extra)]} is of frame {min(extra)}, without gray.")
-        return _recording(images, numbers, table, gray.channel, files)
-    except (OSError, TypeError, ValueError) as error:  # not there, a wrong type, no TOML or text
+        return _recording(images, numbers, table, gray.get("channel"), files)
+    # not there, a wrong type, no TOML or text, nested too deep
+    except (OSError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{manifest}: {getattr(error, 'strerror', None) or error}") from error
 
 
@@ -449,7 +424,8 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
             picture = _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
             return picture[None] if stack else picture
         if ending == ".csv":
-            return pd.read_csv(path, skipinitialspace=True, usecols=POINT)[POINT].to_numpy()
+            check_columns(table := read_csv(path), POINT, str(path))
+            return table[POINT].to_numpy()
         if ending == ".npy":
             return np.atleast_1d(np.load(path, mmap_mode="r"))
         if ending in (".h5", ".hdf5") or (ending == ".mat" and h5py.is_hdf5(path)):
@@ -464,6 +440,12 @@ def read_array(path: Path, key: str | None = None, stack: bool = False) -> Anyth
         raise InputError(f"{path}: {reason}{damaged}") from error
 
 
+def _check_size(shape: Sequence[int]) -> None:
+    """Raise an `InputError` if a picture of an array is larger than any camera's."""
+    if np.prod(sorted(shape)[-2:], dtype=np.float64) > MOST_PX:
+        raise InputError(f"pictures of {shape} px are above {MOST_PX} px. Cut them.")
+
+
 def _chosen(content: Any, key: str | None) -> Anything:
     """Return an array of a file by its key, or the only one."""
     names = [name for name in map(str, content) if not name.startswith("__")]  # as loadmat's own
@@ -471,12 +453,16 @@ def _chosen(content: Any, key: str | None) -> Anything:
     if not hasattr(chosen, "shape"):
         missing = "" if key is None else f", and no array {key!r}"
         raise InputError(f"it holds {', '.join(names)}{missing}. Name an array: key in a manifest.")
+    _check_size(chosen.shape)
+    elsewhere = getattr(chosen, "is_virtual", False) or getattr(chosen, "external", None)
+    if elsewhere or getattr(chosen, "file", content) != content:
+        raise InputError("its values lie in another file. Copy them into this one.")
     return np.atleast_1d(chosen)
 
 
 def _from_bgr(image: Anything | None) -> Anything:
     if image is None:
-        raise ValueError("it cannot be decoded")
+        raise InputError("a picture cannot be decoded. Is the file damaged?")
     return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
 
 
@@ -488,11 +474,10 @@ def _tiff(path: Path) -> Anything:
         if empty or any(tif.filehandle.read(4)):
             raise ValueError("it ends within its pages")
         series, page = tif.series[0], tif.pages[0]
+        _check_size(page.shape[:2])
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
-        except ValueError as error:
-            if "imagecodecs" not in str(error):
-                raise
+        except ValueError:  # a compression that tifffile leaves to another package
             images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
     if images.dtype.newbyteorder("=") != page.dtype:
         raise ValueError(f"its compression of {page.dtype} is not known")

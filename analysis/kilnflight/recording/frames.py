@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, Picture, Single
+from kilnflight.arrays import Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
-from kilnflight.checks import LARGEST_WHOLE, InputError, check_number, check_shape
+from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number, check_shape
 
 LABELS = ("wall", "flame", "burning in air", "non-burning in air", "burning on the wall")
 
@@ -102,17 +102,13 @@ class Attributes:
         for key in ("frame_rate_hz", "rows", "columns", "pressure_bar"):
             if (value := getattr(self, key)) is not None:
                 check_number(value, f"{where}, {key}", above=0)
+        check_finite(self.lance_mm or (0, 0, 0), f"{where}, lance_mm", (3,))
+        roi = check_finite(self.roi or 3 * ((0, 0),), f"{where}, roi", (None, 2))
         row0, row1, col0, col1 = self.flame_roi or (0, rows, 0, columns)
-        vertices, lance = np.array(self.roi or ((0, 0),) * 3), np.array(self.lance_mm or (0, 0, 0))
-        inside = vertices.shape[1:] == (2,) and ((vertices >= 0) & (vertices <= self.size)).all()
-        fits = {
-            "name": isinstance(self.name, str) and self.name.strip(),
-            "lance_mm": lance.shape == (3,) and np.isfinite(lance).all(),
-            "roi": len(vertices) >= 3 and inside,
-            "flame_roi": 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns,
-        }
-        for key in (key for key, good in fits.items() if not good):
-            raise InputError(f"{where}, {key}: {getattr(self, key)!r} does not fit {self.size} px.")
+        inside = len(roi) >= 3 and (roi >= 0).all() and (roi <= self.size).all()
+        flame = 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns
+        if not (inside and flame and isinstance(self.name, str) and self.name.strip()):
+            raise InputError(f"{where}: name, roi or flame_roi cannot be used ({self.size} px).")
 
     @property
     def size(self) -> tuple[int, int]:
@@ -124,8 +120,7 @@ class Attributes:
         """Outlet of the lance, its depth calibrated; None if it is not known."""
         if self.lance_mm is None:
             return None
-        x, y, z = calibrate_points([self.lance_mm], self.depth_calibration)[0].tolist()
-        return x, y, z
+        return tuple(calibrate_points([self.lance_mm], self.depth_calibration)[0].tolist())
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
@@ -154,11 +149,6 @@ class Recording(Protocol):
         """Return the grey values (rows, cols) of frame ``t`` alone."""
 
 
-def calibrated_cloud(recording: Recording, t: int) -> Array:
-    """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
-    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
-
-
 def check_position(t: int, length: int, name: str) -> None:
     """Raise an `InputError` unless a recording of that length has a frame ``t``."""
     if not 0 <= t < length:
@@ -176,10 +166,7 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     if (wrong := wrong | pd.DataFrame(pixels).duplicated().to_numpy()).any():
         place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"
         raise InputError(f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice.")
-    try:
-        calibrate_points(frame.xyz, attributes.depth_calibration)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+    calibrate_points(frame.xyz, attributes.depth_calibration, f"{where}: captured points")
     if frame.labels is not None:
         check_shape(frame.labels, attributes.size, f"{where}: labels")
         check_number(int(frame.labels.max()), f"{where}: labels", least=0, most=len(LABELS) - 1)

@@ -17,8 +17,7 @@ checksum. A recording grows in a folder ``<name>.*.part`` and is moved out after
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,6 +48,7 @@ class StoredRecording:
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
     per_frame: Mapping[str, npt.NDArray[Any]]  # of the names in PER_FRAME
+    stated: str | None = None  # its `content` when it was written
 
     def __len__(self) -> int:
         return len(self.per_frame["index"])
@@ -86,17 +86,20 @@ class StoredRecording:
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and frames, independent of the place.
 
-        Every chunk ends in the checksum of its values (zstd), so four bytes of each are read.
+        Every chunk ends in the checksum of its values (zstd), so four bytes of each are read. An
+        `InputError` if it is not that of the writing: something was changed afterwards.
         """
-        digest = hashlib.sha256(json.dumps(asdict(self.attributes)).encode())
+        digest = hashlib.sha256(repr(self.attributes).encode())
         for values in self.per_frame.values():
             digest.update(values.tobytes())
-        for name in ("gray", "pixels", "xyz"):  # a missing chunk is reported when it is read
+        for name in KINDS:  # a missing chunk is reported when it is read
             for path in sorted(p for p in (self.path / name / "c").rglob("*") if p.is_file()):
                 with path.open("rb") as file:
                     end = file.seek(max(path.stat().st_size - 4, 0))
                     digest.update(f"{path.relative_to(self.path)} {end} ".encode() + file.read())
-        return digest.hexdigest()[:12]
+        if self.stated not in (None, found := digest.hexdigest()[:12]):
+            raise InputError(f"{self.path}: was changed after it was written. Write it again.")
+        return found
 
 
 def open_recording(path: Path | str) -> StoredRecording:
@@ -112,12 +115,16 @@ def open_recording(path: Path | str) -> StoredRecording:
         raise InputError(f"{path}: no such file or recording, or one that was cut off.")
     try:
         group: Any = zarr.open_group(path, mode="r")
-        attributes = dict(group.attrs)
-        if attributes.pop("format", None) != FORMAT:
+        given = dict(group.attrs)
+        if given.pop("format", None) != FORMAT:
             raise InputError(f"a Zarr group, but not a {FORMAT}")
-        per_frame = {name: np.asarray(group[name][:]) for name in PER_FRAME}
+        content, attributes = given.pop("content", None), Attributes.from_json(given)
+        per_frame = {name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()}
         arrays = {name: group[name] for name in KINDS}
-        return StoredRecording(path, Attributes.from_json(attributes), arrays, per_frame)
+        for name, how in _layout(attributes, len(per_frame["index"])):
+            if any(getattr(arrays[name], key) != value for key, value in how.items()):
+                raise InputError(f"its {name} is not of the size and type that it states")
+        return StoredRecording(path, attributes, arrays, per_frame, content)
     except (KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
         raise InputError(f"{path}: damaged recording ({type(error).__name__}: {error}).") from error
 
@@ -163,28 +170,35 @@ def write_recording(
             if frame.labels is not None:
                 arrays["labels"][position] = frame.labels
             rows.append((frame.index, frame.time_s, len(frame.xyz), frame.labels is not None))
-        per_frame = pd.DataFrame(rows, columns=list(PER_FRAME)).astype(PER_FRAME)
-        if not (per_frame[["index", "time_s"]].diff()[1:] > 0).all(axis=None):
+        if (np.diff([row[:2] for row in rows], axis=0) <= 0).any():
             raise InputError(f"{where}: number and time must grow from frame to frame.")
-        for column, values in per_frame.items():
-            group.create_array(str(column), data=values.to_numpy())
+        for (name, kind), values in zip(PER_FRAME.items(), zip(*rows, strict=True), strict=True):
+            group.create_array(name, data=np.array(values, kind))
         for table_name, table in (truth or {}).items():
             (part / "truth").mkdir(exist_ok=True)
             table.to_parquet(part / "truth" / f"{table_name}.parquet")
+        group.attrs["content"] = open_recording(part).content()
+        if path.exists():
+            raise InputError(f"{path}: another process has written it meanwhile.")
         part.rename(path)
     return open_recording(path)
 
 
-def _create(folder: Path, attributes: Attributes, length: int) -> tuple[Any, dict[str, Any]]:
-    """Return a new, empty group and its arrays, which a group would open without their config."""
-    pixels, made = attributes.rows * attributes.columns, dict[str, Any]()
-    content = {"format": FORMAT, **asdict(attributes)}
-    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
+def _layout(attributes: Attributes, length: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield name, and shape, chunks and type of each array of a recording."""
+    pixels = attributes.rows * attributes.columns
     for name, kind in KINDS.items():
         shape = chunk = attributes.size
         if width := WIDTH.get(name):
             shape, chunk = (pixels, width), (min(POINTS_PER_CHUNK, pixels), width)
-        how: Any = {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": kind}
+        yield name, {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": np.dtype(kind)}
+
+
+def _create(folder: Path, attributes: Attributes, length: int) -> tuple[Any, dict[str, Any]]:
+    """Return a new, empty group and its arrays, which a group would open without their config."""
+    content, made = {"format": FORMAT, **asdict(attributes)}, dict[str, Any]()
+    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
+    for name, how in _layout(attributes, length):
         how["config"] = {"write_empty_chunks": True}  # a chunk without a file then is damage
         made[name] = group.create_array(name, compressors=ZstdCodec(level=1, checksum=True), **how)
     return group, made

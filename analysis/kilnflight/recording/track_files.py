@@ -15,8 +15,9 @@ not at all.
 
 from __future__ import annotations
 
+import csv
+import io
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pandas as pd
 
@@ -41,13 +42,24 @@ def check_table_target(path: Path, form: str = "csv") -> None:
         raise InputError(f"{path}: name a table .csv or .parquet, in a folder that exists.")
 
 
+def read_csv(path: Path) -> pd.DataFrame:
+    """Return a table whose lines all have as many cells as there are names, each name once."""
+    text = path.read_text("utf-8-sig")
+    rows = csv.reader(io.StringIO(text), skipinitialspace=True)
+    names, widths = next(rows, []), {len(row) for row in rows if row}
+    if widths - {len(names)} or len({*names}) < len(names) or not text.endswith("\n"):
+        raise InputError(
+            "a line has more or fewer cells, a name is there twice, or the end is cut."
+        )
+    return pd.read_csv(io.StringIO(text), skipinitialspace=True)
+
+
 def read_table(path: Path) -> pd.DataFrame:
     """Return a table with frame, and row, col or x, y in pixels, in any order of columns."""
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}). Give frame, row, col.") from error
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else read_csv(path)
+    except Exception as error:  # libraries raise anything on damaged bytes
+        raise InputError(f"{path}: cannot be read ({error}). Give frame, row, col.") from error
     return with_pixels(table if len(table) else table.astype(int))  # no rows: columns of no kind
 
 
@@ -55,15 +67,14 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     """Write a table whole or not at all; forms other than csv take tracks."""
     check_table_target(path, form)
     if form == "csv":
-        as_csv = path.suffix != ".parquet"
-        write_whole(path, table.to_csv(index=False).encode() if as_csv else table.to_parquet())
-        return
+        binary = path.suffix == ".parquet"
+        return write_whole(path, table.to_parquet() if binary else csv_of(table).encode())
     check_columns(table, ["frame", "particle", "row", "col"], "tracks")
     tracks = table[table["particle"] >= 0].sort_values(["particle", "frame"], ignore_index=True)
     tracks = tracks.astype({"frame": int, "particle": int})
     if form in ("challenge", "trackmate"):
-        labels = [f"ID{spot}" for spot in tracks.index]
-        tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=tracks.index, label=labels)
+        tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=tracks.index)
+        tracks = tracks.assign(label="ID" + tracks["spot"].astype(str))
     columns = FORMATS[form]
     tracks = tracks[[name for name in columns if name in tracks]].rename(columns=columns)
     text = _xml(tracks) if form == "challenge" else tracks.to_csv(index=False, lineterminator="\n")
@@ -72,13 +83,17 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     write_whole(path, text.encode())
 
 
+def csv_of(table: pd.DataFrame) -> str:
+    """Return a table as CSV for people; a quote keeps spreadsheets from computing a text."""
+    return table.replace(r"^(?=[=+@-])", "'", regex=True).to_csv(index=False)
+
+
 def _xml(tracks: pd.DataFrame) -> str:
-    root = ElementTree.Element("root")
-    contest = ElementTree.SubElement(root, "TrackContestISBI2012", snr="", density="", scenario="")
+    """Return the XML of the challenge; it holds nothing but numbers."""
+    text = '<root>\n<TrackContestISBI2012 snr="" density="" scenario="">\n'
     for _, track in tracks.groupby("particle"):
-        particle = ElementTree.SubElement(contest, "particle")
-        for detection in track.drop(columns="particle").to_dict("records"):
-            fields = {str(name): repr(number) for name, number in detection.items()}
-            ElementTree.SubElement(particle, "detection", fields)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, "unicode", xml_declaration=True)
+        spots = track.drop(columns="particle").to_dict("records")
+        marks = (" ".join(f'{name}="{value!r}"' for name, value in spot.items()) for spot in spots)
+        particle = "".join(f"<detection {mark} />\n" for mark in marks)
+        text += f"<particle>\n{particle}</particle>\n"
+    return f"<?xml version='1.0'?>\n{text}</TrackContestISBI2012>\n</root>"

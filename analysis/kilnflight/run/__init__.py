@@ -18,27 +18,26 @@ from typing import Any
 
 import pandas as pd
 
-from kilnflight import kiln, tracking
+from kilnflight import camera, kiln, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.belt.links import motion_of
 from kilnflight.checks import InputError, check_columns, check_whole
 from kilnflight.kiln import KILN_STEPS
 from kilnflight.project.cache import clear_parts, locked, write_whole
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.files import FileRecording, count_frames, open_any
+from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
+from kilnflight.recording.track_files import csv_of
 from kilnflight.run.pictures import pictures, plot_tracks, png, preview
-from kilnflight.run.preparation import Options, choose, fitted_wall, prepare
+from kilnflight.run.preparation import Options, choose, prepare
 from kilnflight.run.report import Tables, aligned, doubts, summary
-from kilnflight.scores.spreading import doubtful_links, followed
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
-__all__ = ["Options", "Workers", "detect", "doubtful_links", "fitted_wall", "followed"]
-__all__ += ["open_any", "plot_tracks", "preview", "run_recording", "track_detections"]
+__all__ = ["Options", "Workers", "detect", "open_any", "plot_tracks", "preview", "track_detections"]
 _GNN, ALWAYS = GNN(), ("detections", "tracks")  # the other tables only if they have rows
 
 
@@ -90,7 +89,7 @@ def track_detections(
         As `kilnflight.tracking.track`.
     """
     check_columns(table := with_pixels(detections), ["frame"], "detections")
-    frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
+    frames, step = camera.count_frames(check_whole(table["frame"], "detections: column frame"))
     if step != 1:
         warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
@@ -144,10 +143,10 @@ def run_recording(
     tables = {"detections": kiln_run.detection.detections()}
     tables |= {step: kiln_run.table(step)() for step in KILN_STEPS}
     rows += [*summary(tables).items(), *(("warning", doubt) for doubt in doubts(tables))]
-    tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
+    tables["summary"] = pd.DataFrame(rows, columns=(names := ["what", "value"]))
     index = stored.per_frame["index"]
     publish(tables, stored, target, index[kiln_run.frames] - index[0])
-    print(aligned(tables["summary"]), f"tables and pictures: {target}", sep="\n")
+    print(aligned(pd.DataFrame([*rows, ("written to", f"{target}")], columns=names)))
     return tables
 
 
@@ -182,7 +181,7 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
     contents = {f"{name}.parquet": tables[name].to_parquet(index=False) for name in names}
     for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
-        contents[f"{name}.csv"] = known.to_csv(index=False).encode()
+        contents[f"{name}.csv"] = csv_of(known).encode()
     contents |= {f"{name}.png": png(it) for name, it in pictures(recording, tables, frames)}
     with locked(folder):
         (folder / "mean-square-displacement.png").unlink(missing_ok=True)  # of another run

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight.checks import printable
 from kilnflight.flight import LOST, kept, reaching
 from kilnflight.recording.frames import Recording
 from kilnflight.scores.intervals import median_interval
@@ -52,7 +53,7 @@ def summarise_recording(recording: Recording) -> pd.DataFrame:
 def aligned(rows: pd.DataFrame) -> str:
     """Return rows of ``what`` and ``value`` as text, one a line."""
     width = max(10, rows["what"].str.len().max())
-    return "\n".join(f"{what:<{width}}  {value}" for what, value in rows.to_numpy().tolist())
+    return "\n".join(printable(f"{what:<{width}}  {value}") for what, value in rows.to_numpy())
 
 
 def doubts(tables: Tables) -> Iterator[str]:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from kilnflight.arrays import Array
 from kilnflight.camera import inside
+from kilnflight.checks import InputError
 from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.twin.flights import BURNT_OUT, LANDED, Flights
@@ -27,6 +28,8 @@ CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
     """Return both tables of the truth by name, for all frames or some."""
     frames = range(len(twin)) if frames is None else frames
+    if not frames or frames[0] < 0 or frames[-1] >= len(twin):
+        raise InputError(f"scene {twin.scene.name}: it has frames 0 to {len(twin) - 1}.")
     bar = tqdm(frames, desc=f"truth of {twin.scene.name}", unit="frame", disable=None)
     parts = [sightings(twin, t) for t in bar]
     return {"particles": particles(twin), "sightings": pd.concat(parts, ignore_index=True)}
