@@ -39,16 +39,25 @@ project          figures, claims, notebooks, cache, processes; no physics
 ===============  ===============================================================
 """
 
-import importlib
-from typing import Any
+import os
+import tempfile
+from pathlib import Path
 
 __version__ = "0.2.0"
 NAMES = {"open": "open_any", "track": "track_detections"}  # in `kilnflight.run`
 
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(200_000_000))  # else 2^30
+own = Path(tempfile.gettempdir(), f"kilnflight-{os.getuid()}")
+if not any(os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HOME", "/"))):
+    # Compiled code has no other place. It is taken only from a folder that is this user's own.
+    own.mkdir(mode=0o700, exist_ok=True)
+    os.environ.setdefault("NUMBA_CACHE_DIR", f"{own}" * (own.lstat().st_uid == os.getuid()))
 
-def __getattr__(name: str) -> Any:
+
+def __getattr__(name: str) -> object:
     """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
     if name in ("detect", "open", "plot_tracks", "preview", "run", "track"):
-        room = importlib.import_module("kilnflight.run")
+        import kilnflight.run as room
+
         return room if name == "run" else getattr(room, NAMES.get(name, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

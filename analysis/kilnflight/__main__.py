@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from kilnflight import __version__
-from kilnflight.checks import InputError
 
 # The modules of a command are imported when it runs: they take time to load.
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Import, export and inspect recordings; preview, track or run it all."""
     options = (parser := _parser()).parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: it ends all processes
     warnings.showwarning = lambda text, *_: print(f"warning: {text}")
     try:
         options.function(options)
-    except (InputError, OSError, KeyboardInterrupt) as error:  # OSError: of a full disk, too
+    # ValueError: `InputError`, and what libraries say of settings; OSError: of a full disk, too
+    except (ValueError, OSError, KeyboardInterrupt) as error:
         parser.exit(2, f"kilnflight {options.command}: {str(error) or 'stopped'}\n")
 
 
@@ -49,7 +50,6 @@ def _info(options: argparse.Namespace) -> None:
         recording = write_recording(recording, options.to or f"{recording.attributes.name}.zarr")
         print(f"imported as {recording.path}")
     print(aligned(summarise_recording(recording)))
-    recording.content()  # refused where it was changed after it was written
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -77,7 +77,7 @@ def _track(options: argparse.Namespace) -> None:
     from kilnflight.recording.track_files import check_table_target, read_table, write_table
     from kilnflight.scores.spreading import doubtful_links, followed
 
-    check_table_target(options.tracks, options.format)
+    check_table_target(options.tracks, options.format, options.detections)
     table, associator = read_table(options.detections), JPDA() if options.jpda else GNN()
     tracks = run.track_detections(table, associator, progress=True, **_settings(options))
     write_table(tracks, options.tracks, options.format)

@@ -326,8 +326,7 @@ def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything
 def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return the classes of Table 5.1 in one file."""
     check_shape(image := read_array(path, part.get("key")), size, str(path))
-    theirs = {int(label): ours for label, ours in part["classes"].items()}
-    labels = pd.Series(image.ravel()).map(theirs)
+    labels = pd.Series(image.ravel()).map({int(k): ours for k, ours in part["classes"].items()})
     for unknown in image.ravel()[labels.isna()][:1]:
         raise InputError(f"{path}: class {unknown} is not in classes. Add it.")
     return {"labels": labels.to_numpy(np.uint8).reshape(size)}

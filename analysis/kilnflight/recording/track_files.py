@@ -36,10 +36,11 @@ FORMATS = {"challenge": CHALLENGE, "napari": NAPARI, "trackmate": TRACKMATE, "tr
 SPOT_LINES = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(pixel),\n"
 
 
-def check_table_target(path: Path, form: str = "csv") -> None:
-    """Raise an `InputError` unless a table can get this name in a folder that exists."""
-    if not path.parent.is_dir() or (form == "csv" and path.suffix not in ENDINGS):
-        raise InputError(f"{path}: name a table .csv or .parquet, in a folder that exists.")
+def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
+    """Raise an `InputError` unless a table can get this name and is not the source."""
+    other = path.parent.is_dir() and path.resolve() != source.resolve()
+    if not other or (form == "csv" and path.suffix not in ENDINGS):
+        raise InputError(f"{path}: name another table .csv or .parquet, in a folder that exists.")
 
 
 def read_csv(path: Path) -> pd.DataFrame:

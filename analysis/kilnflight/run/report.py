@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from kilnflight.checks import printable
 from kilnflight.flight import LOST, kept, reaching
-from kilnflight.recording.frames import Recording
+from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 from kilnflight.scores.spreading import doubtful_links, followed
 
@@ -21,7 +21,7 @@ Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.kiln
 LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
 
-def summarise_recording(recording: Recording) -> pd.DataFrame:
+def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
     """Read every frame once; return rows of ``what`` and ``value``, both texts."""
     attributes, rows = recording.attributes, []
     for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
@@ -36,6 +36,7 @@ def summarise_recording(recording: Recording) -> pd.DataFrame:
         ("recording", attributes.name),
         ("frames", f"{len(rows)} of {attributes.rows} x {attributes.columns} pixels"),
         *(("note", note) for note in attributes.notes),
+        ("content", recording.content()),  # refused if it was changed after it was written
         ("gray", f"{low.min()} to {top} ({top.bit_length()} bits)"),
         ("points", f"{points.min()} to {points.max()} per frame, median {np.median(points):g}"),
         ("labels", f"of {len(rows) - unlabelled.sum()} frames"),
