@@ -36,7 +36,7 @@ FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/$(
 $(NOTEBOOKS) site/index.html: export KILNFLIGHT_FIGURES := $(FIGURES)
 film: export KILNFLIGHT_FIGURES := $(CURDIR)/build/film/figures
 
-.PHONY: all quick standard full film setup data test check bench dist clean help FORCE
+.PHONY: all quick standard full film setup data test faults check bench dist clean help FORCE
 all: site/index.html
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; figures are in $(or $(FIGURES),figures/)"
 quick standard full: ## little input; less input (the default); all of it, into figures/, and the README
@@ -52,6 +52,8 @@ LAST := tests/test_notebooks.py# waits for the smoke run of the first
 FIRST := tests/test_site_pages.py tests/test_makefile.py
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST) $(LAST),$(wildcard tests/test_*.py tests/*/test_*.py)) $(LAST) analysis
+faults: $(VENV)/installed ## try some 10,000 faults of input, and count what becomes of them
+	@PYTHONPATH=. $(RUN) tests/faults/test_faults.py
 check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports
 	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)

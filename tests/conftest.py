@@ -196,6 +196,9 @@ class SmallRecording:
     def __len__(self) -> int:
         return self.length
 
+    def content(self) -> str:
+        return "in memory"
+
     def frame(self, t: int) -> Frame:
         if t == self.stops_at:
             raise KeyboardInterrupt

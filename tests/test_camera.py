@@ -19,7 +19,6 @@ from kilnflight.camera import (
     read_calibration,
     wall_profile,
 )
-from kilnflight.checks import InputError
 from kilnflight.project import claims
 
 
@@ -138,30 +137,3 @@ def test_a_strip_in_perspective_gives_an_even_profile():
     profile = wall_profile(1000.0 + 50.0 * np.clip(depth, near, far), corners, rows=141)
     expected = 1000.0 + 50.0 * np.linspace(far, near, 141)
     np.testing.assert_allclose(profile[3:-3], expected[3:-3], atol=3.0)
-
-
-WHOLE = ((0, 0), (0, 79), (59, 79), (59, 0))
-FLAT = np.ones((60, 80))
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (lambda: calibrate_points([[0.0, 0.0, 500.0]], EQUATION_2_4), "captured points"),
-        (lambda: calibrate_points([[0.0, 0.0, 0.0]], None), "captured points"),
-        (lambda: read_calibration("zhang"), "depth_calibration"),
-        (lambda: read_calibration({"breakpoints_mm": []}), "depth_calibration"),
-        (lambda: read_calibration([[1000, 1010]]), "depth table"),
-        (lambda: DepthCalibration((5.0, 3.0), ((1.0,),) * 3), "breakpoints"),
-        (lambda: invert_depth(12.0, DepthCalibration((), ((0.0,),))), "true depth"),
-        (lambda: fit_depth_segments([1.0, 2.0], [1.0]), "true depth"),
-        (lambda: fit_depth_segments([4000.0] * 9, [4000.0] * 9), "captured depth"),
-        (lambda: inside([(0, 0), (5, 5), (9, 9)], 1, 1), "polygon"),
-        (lambda: inside(HOOK, np.nan, 1), "row"),
-        (lambda: wall_profile(FLAT, WHOLE[:3]), "corners"),
-        (lambda: wall_profile(FLAT, ((0, 0), (0, 90), (59, 79), (59, 0))), "corners"),
-    ],
-)
-def test_unusable_input_is_refused_by_name(call, name):
-    with pytest.raises(InputError, match=name):
-        call()

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
-from kilnflight.checks import InputError
 from kilnflight.ignition import Ignition, best_step, lights_up, rank_sum_p
 
 TIME = np.arange(60) / 330
@@ -124,22 +123,3 @@ def test_traces_that_turn_lighter_than_the_kiln_light_up():
     for outcome, shares in traces.items():
         assert {lights_up(TIME, share * behind, behind) for share in shares} == {outcome}
     assert lights_up(TIME[:5], behind[:5], behind[:5]) == "too few points"
-
-
-@pytest.mark.parametrize(
-    ("name", "time", "gray"),
-    [
-        ("time_s", [0, 1], [1.0]),
-        ("time_s", [0, 0], [1.0, 1.0]),
-        ("gray", [0, 1], [1.0, np.nan]),
-        ("gray", [0, 1], [1.0, -1.0]),
-    ],
-)
-def test_bad_input_is_named(name, time, gray):
-    for call in (TEST, lambda time, gray: lights_up(time, gray, gray)):
-        with pytest.raises(InputError, match=name):
-            call(time, gray)
-    with pytest.raises(InputError, match="bright"):
-        Ignition(bright=-1.0)
-    with pytest.raises(InputError, match="background"):
-        Ignition(above_background=True)(TIME, course())

@@ -18,7 +18,8 @@ from kilnflight.arrays import Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number, check_whole
 
 AXES, PIXEL = ("x", "y", "z"), ("row", "col")
-LIMITS: Any = {"particle": {"least": -1}, "z": {"above": 0}}
+LIMITS: Any = {key: {"least": -1} for key in ("particle", "t0_at_bound")}
+LIMITS |= {"z": {"above": 0}, "points": {"least": 0}}
 HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
 
 

@@ -58,28 +58,6 @@ def test_every_model_predicts_a_particle_of_constant_velocity(model):
     assert fitted(arrays, TARGET).tolist() == fitted(ONE, TARGET).tolist()
 
 
-@by_name
-def test_unusable_observations_are_refused_by_name(model):
-    fitted = model.calibrated(ONE, arrivals(0.65), TARGET)
-    with pytest.raises(InputError, match="target_mm"):
-        fitted(last_of((773.0, 1000.0, 0.0)), TARGET)
-    with pytest.raises(InputError, match="target_mm"):
-        fitted(ONE, np.nan)
-    with pytest.raises(InputError, match="velocity_x_mm_s"):
-        fitted(ONE.drop(columns="velocity_x_mm_s"), TARGET)
-    with pytest.raises(InputError, match="last: x"):
-        fitted(ONE.assign(x=np.nan), TARGET)
-    assert np.isnan([*vars(model).values()]).any() == (model.name in ("IV", "CVBC", "IA"))
-    if model.name in ("IV", "CVBC", "IA"):
-        with pytest.raises(InputError, match=rf"{model.name} is not calibrated"):
-            model(ONE, TARGET)
-    for wrong in (arrivals(0.6, 0.7), arrivals(0.5), arrivals(0.6).drop(columns="time_s")):
-        with pytest.raises(InputError, match="arrival"):
-            model.calibrated(ONE, wrong, TARGET)
-    with pytest.raises(InputError, match="last"):
-        model.calibrated(BELT_LAST.empty(), BELT_ARRIVAL.empty(), TARGET)
-
-
 def test_identical_delay_is_identical_velocity_where_all_start_at_one_place():
     """Arrivals after 0.10, 0.12 and 0.15 s: the median delay, and a median velocity."""
     times = arrivals(0.60, 0.62, 0.65)

@@ -8,13 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.camera import BELT, Calibration
-from kilnflight.belt.models import CV, CVBC, IA, LateralCV
+from kilnflight.belt.models import CV, CVBC, LateralCV
 from kilnflight.belt.online import ValveSchedule, predict_arrivals, sort_pictures
 from kilnflight.belt.phase import last_states
 from kilnflight.belt.pictures import MeasureSpots, Spots
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker
 from kilnflight.belt.valves import ValveBar
-from kilnflight.checks import InputError
 from kilnflight.tables import VALVE_EVENTS
 
 # One pixel per mm; the belt's first corner is pixel (10, 10).
@@ -113,21 +112,6 @@ def test_only_chosen_tracks_are_blown_out():
     ):
         decisions, _ = run(enumerate(shown), chooses=chooses)
         assert set(pd.concat([done.due for done in decisions])["valve"]) == valves
-
-
-@pytest.mark.parametrize(
-    ("numbered", "more", "match"),
-    [
-        ([(3, BACKGROUND), (3, BACKGROUND)], {}, "pictures"),
-        ([(0.5, BACKGROUND)], {}, "pictures"),
-        ([(7, BACKGROUND[1:])], {}, "frame 7"),
-        ([], {"target_mm": 600.0}, "target_mm"),
-        (enumerate(PICTURES), {"models": (IA(), LateralCV())}, "IA is not calibrated"),
-    ],
-)
-def test_unusable_pictures_and_parts_are_refused_by_name(numbered, more, match):
-    with pytest.raises(InputError, match=match):
-        run(numbered, **more)
 
 
 def arrivals(*rows):

@@ -71,21 +71,6 @@ def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acce
     pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
 
 
-def test_unusable_tracks_are_refused_by_name(constant_acceleration):
-    twice = pd.concat([constant_acceleration, constant_acceleration.iloc[[5]]])
-    late = constant_acceleration["time_s"] + 0.004 * (constant_acceleration.index == 7)
-    for wrong in (
-        twice,
-        constant_acceleration.assign(time_s=late),
-        constant_acceleration.assign(time_s=1.0),
-        constant_acceleration.assign(frame=constant_acceleration["frame"] + 0.5),
-    ):
-        with pytest.raises(InputError, match="tracks: "):
-            PHASE.observe(wrong)
-    with pytest.raises(InputError, match="target_mm"):
-        PredictionPhase(start_mm=800.0)
-
-
 @settings(max_examples=15)
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=40))
 def test_a_summary_is_the_box_plot_of_matplotlib(values):

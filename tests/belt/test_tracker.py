@@ -22,7 +22,6 @@ from kilnflight.belt.tracker import (
     BeltTracker,
     Likelihoods,
 )
-from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.filter import ConstantAcceleration
 
@@ -154,17 +153,3 @@ def test_an_empty_belt_has_no_tracks():
     assert followed.ends.columns.tolist() == [*BELT_ENDS.names, "reason"]
     assert len(followed.states) == len(followed.ends) == 0
     assert len(BeltTracker()(moving(y=400.0, frames=5)).states) == 0
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        pd.DataFrame({"frame": [0], "x": [400.0]}),
-        pd.DataFrame({"frame": [0], "x": [np.nan], "y": [90.0]}),
-        pd.DataFrame({"frame": [0.5], "x": [400.0], "y": [90.0]}),
-        pd.concat([moving(), moving()[30:31]], ignore_index=True),
-    ],
-)
-def test_unusable_measurements_are_refused_by_name(wrong):
-    with pytest.raises(InputError, match="measured"):
-        BeltTracker()(wrong)

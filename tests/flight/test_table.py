@@ -162,20 +162,3 @@ def test_a_rejected_flight_stays_in_the_table_with_its_reason(polynomials):
     assert list(kept(table)["particle"]) == [0]
     pd.testing.assert_frame_equal(FLIGHTS.check(table), table)
     assert list(flights(tracks, {}, WALL, LIMIT, RATE).columns) == FLIGHTS.names
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("gray", lambda track: track.drop(columns="gray")),
-        ("particle 0.*x, y, z", lambda track: track.assign(z=np.nan)),
-        ("particle 0", lambda track: pd.concat([track, track])),
-        ("tracks.*particle 0", lambda track: track.assign(particle=3)),
-    ],
-)
-def test_bad_input_is_named(polynomials, name, change):
-    fit = polynomials(FALLING)
-    with pytest.raises(InputError, match=name):
-        flight_of(change(detections(fit)), fit)
-    with pytest.raises(InputError, match="frame_rate_hz"):
-        flights(detections(fit), {0: fit}, WALL, LIMIT, 0.0)

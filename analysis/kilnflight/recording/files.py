@@ -243,7 +243,7 @@ def _recording(
     index, step = count_frames(numbers)
     if step != 1:
         notes.append(f"numbers go in steps of {step:g}: frames are counted from 0")
-    if missing := index[-1] - index[0] + 1 - len(index):
+    if missing := max(index[-1] - index[0] + 1, getattr(images, "stated", 0)) - len(index):
         notes.append(f"{missing} of {missing + len(index)} frames are missing")
     first = _one_channel(first, channel, f"{where}, frame {numbers[0]}")
     if first.dtype not in SMALL_TYPES or first.max() <= 1:
@@ -336,7 +336,8 @@ def _manifest(manifest: Path) -> FileRecording:
     """Return the recording that a manifest describes."""
     folder = manifest.parent
     try:
-        table = tomllib.loads(manifest.read_text(encoding="utf-8-sig").replace("\\", "/"))
+        # a longer one, of dots alone, is read for hours
+        table = tomllib.loads(manifest.read_text("utf-8-sig")[: 2**15].replace("\\", "/"))
         _check_table(table, MANIFEST, "name", "frame_rate_hz", "gray")
         for name in table.keys() & set(PARTS):
             _check_table(table[name], PART, "pattern", where=f"[{name}] ")
@@ -378,6 +379,7 @@ class Film:
     def __init__(self, path: Path) -> None:
         self.files, self._capture = [path], cv2.VideoCapture(str(path))
         self.frame_rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or 1.0
+        self.stated = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
         # counted: the header may announce another length
         self._length = self._next = sum(1 for _ in iter(self._capture.grab, False))
         if not self._length:
@@ -470,16 +472,16 @@ def _tiff(path: Path) -> Anything:
     with tifffile.TiffFile(path) as tif:
         empty = not tif.series  # this reads the table of pages
         tif.filehandle.seek(tif.pages.next_page_offset or 0)
-        if empty or any(tif.filehandle.read(4)):
+        if empty or tif.filehandle.read(4) != bytes(4):
             raise ValueError("it ends within its pages")
-        series, page = tif.series[0], tif.pages[0]
+        series, page, count = tif.series[0], tif.pages[0], len(tif.pages)
         _check_size(page.shape[:2])
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
         except ValueError:  # a compression that tifffile leaves to another package
             images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
-    if images.dtype.newbyteorder("=") != page.dtype:
-        raise ValueError(f"its compression of {page.dtype} is not known")
+    if images.dtype.newbyteorder("=") != page.dtype or images.size < page.size * count:
+        raise ValueError(f"its compression of {page.dtype} is not known, or it is damaged")
     if {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1} - set("TIQYXS"):
         remedy = "Save one plane or channel, or call the axis T (ImageJ: Image > Properties)"
         raise InputError(f"of the axes {series.axes} only time (T) is read. {remedy}.")

@@ -80,8 +80,7 @@ class StoredRecording:
                 (folder / str(k) / "0").stat()  # of a chunk that is missing zarr makes zeros
             return np.asarray(array[t, :n])
         except (RuntimeError, ValueError, OSError) as error:  # of codecs, too, on broken bytes
-            fault = f"its {name} is missing or damaged. Write it again"
-            raise InputError(f"{self.path}, frame {t}: {fault}.") from error
+            raise InputError(f"{self.path}, frame {t}: its {name} is lost or damaged.") from error
 
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and frames, independent of the place.

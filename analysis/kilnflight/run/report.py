@@ -24,6 +24,7 @@ LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibratio
 def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
     """Read every frame once; return rows of ``what`` and ``value``, both texts."""
     attributes, rows = recording.attributes, []
+    recording.content()  # refused where it was changed after it was written
     for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
         frame = recording.frame(t)
         gray, z, top = frame.gray, frame.xyz[:, 2], frame.gray.max()
@@ -36,7 +37,6 @@ def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
         ("recording", attributes.name),
         ("frames", f"{len(rows)} of {attributes.rows} x {attributes.columns} pixels"),
         *(("note", note) for note in attributes.notes),
-        ("content", recording.content()),  # refused if it was changed after it was written
         ("gray", f"{low.min()} to {top} ({top.bit_length()} bits)"),
         ("points", f"{points.min()} to {points.max()} per frame, median {np.median(points):g}"),
         ("labels", f"of {len(rows) - unlabelled.sum()} frames"),

@@ -1,0 +1,122 @@
+"""Targets, names, processes and files that would do harm."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+from tests.recording.test_files import FILM
+
+from kilnflight.__main__ import main
+from kilnflight.checks import InputError
+from kilnflight.project.cache import write_whole
+from kilnflight.recording.files import open_any
+from kilnflight.recording.store import write_recording
+from kilnflight.recording.track_files import csv_of
+
+BLACK = b"\x1b[30m"  # what a name must not do to a terminal
+
+
+def test_a_device_and_a_link_stay_what_they_are(tmp_path):
+    write_whole(Path("/dev/null"), b"gone")
+    assert Path("/dev/null").is_char_device()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_whole(tmp_path / "link", b"kept")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_bytes() == b"kept"
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    for target in ("a", "no/b", "."):
+        with pytest.raises(InputError, match=str(tmp_path)):
+            write_whole(tmp_path / target, b"")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "link", "real"]
+
+
+def test_names_are_printed_escaped_and_texts_do_not_compute(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    np.save(name := f"{BLACK.decode()}.npy", FILM)
+    main(["info", name])
+    with pytest.raises(SystemExit):
+        main(["info", f"no{name}"])
+    printed = capsys.readouterr()
+    assert "\x1b" not in printed.out + printed.err
+    assert "\\x1b[30m" in printed.out
+    assert (
+        csv_of(pd.DataFrame({"a": ["=1+1", "b"], "n": [-1.0, 2.0]})) == "a,n\n'=1+1,-1.0\nb,2.0\n"
+    )
+
+
+def bomb(path):
+    tifffile.imwrite(path, np.zeros((100, 2_100_000), np.uint8), compression="zlib")
+
+
+def elsewhere(path, virtual):
+    raw = path.with_suffix(".raw")
+    raw.write_bytes(FILM.tobytes())
+    with h5py.File(path, "w") as file:
+        if virtual:
+            layout = h5py.VirtualLayout(FILM.shape, FILM.dtype)
+            layout[:] = h5py.VirtualSource("other.h5", "film", FILM.shape)
+            file.create_virtual_dataset("film", layout)
+        else:
+            file.create_dataset("film", FILM.shape, "u1", external=[(raw, 0, FILM.size)])
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("bomb.tif", bomb),
+        ("a.h5", lambda path: elsewhere(path, virtual=False)),
+        ("v.h5", lambda path: elsewhere(path, virtual=True)),
+        ("deep.toml", lambda path: path.write_text("a = " + 5000 * "[" + 5000 * "]")),
+        ("dots.toml", lambda path: path.write_text(".".join(100_000 * "a") + " = 1")),
+        ("pipe", lambda path: os.mkfifo(path)),
+    ],
+)
+def test_what_would_fill_the_memory_read_other_files_or_hang_is_refused(name, make, tmp_path):
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=name):
+        open_any(tmp_path / name)
+
+
+def test_a_recording_that_was_edited_or_mixed_is_told(tmp_path, capsys):
+    one, two = (
+        write_recording(open_any(film), tmp_path / f"{film[0, 0, 0]}.zarr")
+        for film in (FILM, FILM[::-1])
+    )
+    chunk = "gray/c/1/0/0"
+    (one.path / chunk).write_bytes((two.path / chunk).read_bytes())
+    with pytest.raises(InputError, match="changed"):
+        one.content()
+    with pytest.raises(SystemExit, match="2"):
+        main(["info", str(one.path)])
+    assert "changed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path):
+    command = ["run", str(stored_flights), "--to", str(tmp_path), "--jobs", "2", "--threshold", "9"]
+    code = "from kilnflight import kiln, __main__; kiln.CHUNK_FRAMES = 2; __main__.main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *command], stdout=subprocess.PIPE, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as run:  # fmt: skip
+        while run.poll() is None and not list(tmp_path.glob("parts/*.lock")):
+            time.sleep(0.05)
+        run.send_signal(number)
+        run.communicate(timeout=30)  # the pipe closes when no process holds it
+    assert run.returncode == 2
+    for _ in range(100):  # its workers end a moment later
+        try:
+            os.killpg(run.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    pytest.fail("processes are left")
