@@ -9,21 +9,22 @@ import pytest
 from kilnflight import kiln
 from kilnflight.__main__ import main
 
-# Kills itself when the second table of detections is renamed into place.
+# Kills itself when a file, counted from 0, is renamed into place.
 KILLED = """
 import os, pathlib, sys
 from kilnflight import kiln
 from kilnflight.__main__ import main
 
-kiln.CHUNK_FRAMES, real = 8, pathlib.Path.replace
+kiln.CHUNK_FRAMES, real, done = 8, pathlib.Path.replace, []
 
 def replace(self, target):
-    if len(list(pathlib.Path(target).parent.glob("detections-*.parquet"))) == 1:
+    if len(done) == int(sys.argv[1]):
         os.kill(os.getpid(), 9)
+    done.append(target)
     return real(self, target)
 
 pathlib.Path.replace = replace
-main(sys.argv[1:])
+main(sys.argv[2:])
 """
 
 
@@ -54,19 +55,20 @@ def expected(command, tmp_path_factory):
     return contents(folder)
 
 
-def test_a_killed_run_continues_and_ends_in_the_same_bytes(command, expected, tmp_path):
-    done = subprocess.run([sys.executable, "-c", KILLED, *command(tmp_path)], check=False)
-    assert done.returncode == -9
-    (made,) = tmp_path.glob("parts/detections-*.parquet")
-    assert list(tmp_path.glob("parts/.detections-*.part"))
-    before = made.stat().st_mtime_ns
+@pytest.mark.parametrize("step", [1, 3, 5, 7, 12])
+def test_a_killed_run_continues_and_ends_in_the_same_bytes(step, command, expected, tmp_path):
+    call = [sys.executable, "-c", KILLED, str(step), *command(tmp_path)]
+    assert subprocess.run(call, check=False).returncode == -9
+    made = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.parquet")}
+    assert len(made) == min(step, 7)
+    assert list(tmp_path.rglob(".*.part"))
     main(command(tmp_path))
-    assert made.stat().st_mtime_ns == before
+    assert made.items() <= {path: path.stat().st_mtime_ns for path in made}.items()
     assert contents(tmp_path) == expected
 
 
 def test_two_processes_write_the_same_bytes(command, expected, tmp_path):
-    call = [sys.executable, "-c", KILLED.replace("== 1", "== -1"), *command(tmp_path)]
+    call = [sys.executable, "-c", KILLED, "-1", *command(tmp_path)]
     others = [subprocess.Popen([*call, "--jobs", "2"]) for _ in range(2)]  # one folder, two runs
     assert [each.wait() for each in others] == [0, 0]
     assert contents(tmp_path) == expected

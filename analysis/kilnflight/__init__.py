@@ -57,7 +57,6 @@ if not any(os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HO
 def __getattr__(name: str) -> object:
     """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
     if name in ("detect", "open", "plot_tracks", "preview", "run", "track"):
-        import kilnflight.run as room
-
+        room = __import__("kilnflight.run", fromlist=["run"])
         return room if name == "run" else getattr(room, NAMES.get(name, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -93,8 +93,8 @@ class QuasiClusterCenters:
         dense_first = np.argsort(sparsity, kind="stable")
         graph = _Graph(neighbors, sparsity, dense_first, *_centers(neighbors, sparsity))
         clusters = np.arange(count)  # of a centre: that into whose cluster its own is merged
-        heads, chains = _spread(graph, clusters, self.alpha)
-        while _merge(heads[graph.groups], chains, clusters, k, self.alpha):
+        heads, chains = _spread(graph, clusters, float(self.alpha))
+        while _merge(heads[graph.groups], chains, clusters, k, float(self.alpha)):
             pass
         labels = _choose(graph, heads, chains, clusters)
         labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE

@@ -173,7 +173,7 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
         boxes = np.array(_boxes(live, image.shape), np.int64).reshape(-1, 4)
-        points = np.asarray(_search(padded, boxes, _KERNELS, self.threshold))
+        points = np.asarray(_search(padded, boxes, _KERNELS, float(self.threshold)))
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]

@@ -78,13 +78,15 @@ def clear_parts(path: Path) -> None:
 def locked(path: Path) -> Iterator[None]:
     """Hold an exclusive lock on a file or folder; other processes wait (make -j).
 
-    A missing file is created.
+    A missing file is created; one that is called .lock is removed afterwards.
     """
     handle = os.open(path, os.O_RDONLY | (0 if path.is_dir() else os.O_CREAT))
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
     finally:
+        if path.suffix == ".lock":
+            path.unlink(missing_ok=True)
         os.close(handle)
 
 

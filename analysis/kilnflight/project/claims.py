@@ -88,9 +88,7 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
     if not isinstance(holds, bool | np.bool_ | None):
         raise InputError(f"claim {claim_id}: holds={holds!r} is neither True, False nor None.")
     if len(reason) > REASON:
-        raise InputError(
-            f"claim {claim_id}: the reason has {len(reason)} characters, not {REASON}."
-        )
+        raise InputError(f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters.")
     if isinstance(measured, pd.Series):
         measured = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
     text = f"{measured:.4g}" if isinstance(measured, float) else str(measured)

@@ -31,6 +31,7 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight.checks import InputError
+from kilnflight.project.cache import locked
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, check_position
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
@@ -154,10 +155,11 @@ def write_recording(
     """
     path, where = Path(path), f"recording {recording.attributes.name}"
     frames = range(len(recording)) if frames is None else frames
-    if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
-        raise InputError(f"{path}: exists already, or {where} has no such frames.")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(".part", f"{path.name}.", path.parent) as folder:
+    lock = locked(path.with_name(f".{path.name}.lock"))  # another process waits
+    with lock, TemporaryDirectory(".part", f"{path.name}.", path.parent) as folder:
+        if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
+            raise InputError(f"{path}: exists already, or {where} has no such frames.")
         part, rows = Path(folder, path.name), []
         group, arrays = _create(part, recording.attributes, len(frames))
         # disable=None: a bar in a terminal, nothing in logs and notebooks
@@ -177,8 +179,6 @@ def write_recording(
             (part / "truth").mkdir(exist_ok=True)
             table.to_parquet(part / "truth" / f"{table_name}.parquet")
         group.attrs["content"] = open_recording(part).content()
-        if path.exists():
-            raise InputError(f"{path}: another process has written it meanwhile.")
         part.rename(path)
     return open_recording(path)
 
