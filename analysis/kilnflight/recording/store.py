@@ -19,8 +19,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight.checks import InputError
-from kilnflight.project.cache import locked
+from kilnflight.project.cache import locked, make_whole
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, check_position
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
@@ -156,31 +156,34 @@ def write_recording(
     path, where = Path(path), f"recording {recording.attributes.name}"
     frames = range(len(recording)) if frames is None else frames
     path.parent.mkdir(parents=True, exist_ok=True)
-    lock = locked(path.with_name(f".{path.name}.lock"))  # another process waits
-    with lock, TemporaryDirectory(".part", f"{path.name}.", path.parent) as folder:
+    with locked(path.with_name(f".{path.name}.lock")):  # another process waits
         if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
             raise InputError(f"{path}: exists already, or {where} has no such frames.")
-        part, rows = Path(folder, path.name), []
-        group, arrays = _create(part, recording.attributes, len(frames))
-        # disable=None: a bar in a terminal, nothing in logs and notebooks
-        for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
-            frame = recording.frame(t)
-            arrays["gray"][position] = frame.gray
-            for name in WIDTH if len(frame.xyz) else ():
-                arrays[name][position, : len(frame.xyz)] = getattr(frame, name)
-            if frame.labels is not None:
-                arrays["labels"][position] = frame.labels
-            rows.append((frame.index, frame.time_s, len(frame.xyz), frame.labels is not None))
-        if (np.diff([row[:2] for row in rows], axis=0) <= 0).any():
-            raise InputError(f"{where}: number and time must grow from frame to frame.")
-        for (name, kind), values in zip(PER_FRAME.items(), zip(*rows, strict=True), strict=True):
-            group.create_array(name, data=np.array(values, kind))
-        for table_name, table in (truth or {}).items():
-            (part / "truth").mkdir(exist_ok=True)
-            table.to_parquet(part / "truth" / f"{table_name}.parquet")
-        group.attrs["content"] = open_recording(part).content()
-        part.rename(path)
+        make_whole(path, partial(_write, recording, frames, truth or {}))
     return open_recording(path)
+
+
+def _write(recording: Recording, frames: range, truth: Any, part: Path) -> None:
+    """Write a recording to a new folder; arguments as for `write_recording`."""
+    where, rows = f"recording {recording.attributes.name}", []
+    group, arrays = _create(part, recording.attributes, len(frames))
+    # disable=None: a bar in a terminal, nothing in logs and notebooks
+    for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
+        frame = recording.frame(t)
+        arrays["gray"][position] = frame.gray
+        for name in WIDTH if len(frame.xyz) else ():
+            arrays[name][position, : len(frame.xyz)] = getattr(frame, name)
+        if frame.labels is not None:
+            arrays["labels"][position] = frame.labels
+        rows.append((frame.index, frame.time_s, len(frame.xyz), frame.labels is not None))
+    if (np.diff([row[:2] for row in rows], axis=0) <= 0).any():
+        raise InputError(f"{where}: number and time must grow from frame to frame.")
+    for (name, kind), values in zip(PER_FRAME.items(), zip(*rows, strict=True), strict=True):
+        group.create_array(name, data=np.array(values, kind))
+    for table_name, table in truth.items():
+        (part / "truth").mkdir(exist_ok=True)
+        table.to_parquet(part / "truth" / f"{table_name}.parquet")
+    group.attrs["content"] = open_recording(part).content()
 
 
 def _layout(attributes: Attributes, length: int) -> Iterator[tuple[str, dict[str, Any]]]:
