@@ -109,10 +109,10 @@ def with_scipy(table: pd.DataFrame) -> np.ndarray:
 
 def _filter(place: np.ndarray) -> KalmanFilter:
     one = KalmanFilter(dim_x=4, dim_z=2)
-    state, covariance = MOTION.initial(place[None])
-    one.x, one.P = state[0], covariance[0]
+    one.x, one.P = MOTION.initial()
+    one.x[:2] = place
     one.F, one.Q = MOTION.transition(BELT_FRAME_S), MOTION.process_noise(BELT_FRAME_S)
-    one.H, one.R = MOTION.measurement(), MOTION.measurement_noise()
+    one.H, one.R = np.eye(2, 4), MOTION.measurement_noise()
     return one
 
 

@@ -85,9 +85,9 @@ def gating(tracks: int) -> Row:
         ]
         return np.square(distance)
 
-    found, expected = Gate()(*predicted).distance_squared, by_scipy()
-    np.testing.assert_array_equal(np.isfinite(found), expected < 16.0)
-    np.testing.assert_allclose(found[expected < 16.0], expected[expected < 16.0])
+    found, expected = Gate()(*predicted), by_scipy()
+    np.testing.assert_array_equal(np.argwhere(expected < 16.0), np.transpose(found[:2]))
+    np.testing.assert_allclose(found.distance_squared, expected[expected < 16.0])
     what = ("gate, Eqs 4.7 and 4.8", "tracks and detections", tracks, "scipy.cdist per track")
     return compare(what, lambda: Gate()(*predicted), by_scipy)
 

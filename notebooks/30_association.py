@@ -21,6 +21,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import coo_array
 from scipy.spatial.distance import cdist
 
 from kilnflight.association import ASSOCIATORS, joint_probabilities
@@ -59,9 +60,9 @@ situations = {  # predictions of T1 and T2; D1, D2 and N1
 }
 spread, rows, weights = np.diag([16.0, 36.0]), [], {}
 for case, (name, associator) in product(situations, zip(names, ASSOCIATORS, strict=True)):
-    tracks, detections = situations[case]
-    found = gate(tracks, np.stack([spread, spread]), Detected(detections))
-    weights[name, case] = associator(found)
+    found = gate(situations[case][0], np.stack([spread, spread]), Detected(situations[case][1]))
+    shares = coo_array((associator(found), found[:2]), (2, found.detections)).toarray()
+    weights[name, case] = np.column_stack([1.0 - shares.sum(axis=1), shares])
     for (i, j), weight in np.ndenumerate(weights[name, case]):
         rows.append((case, name, f"T{i + 1}", ["none", "D1", "D2", "N1"][j], weight))
 table = pd.DataFrame(rows, columns=["situation", "associator", "track", "detection", "weight"])
@@ -99,7 +100,7 @@ figures.save("fig-2-20-associations", table, picture=picture, caption=caption, p
 spread, predicted = 16.0 * np.eye(2), np.array([[0.0, 0], [14, 0]])
 detections = np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
 found = gate(predicted, np.stack([spread, spread]), Detected(detections))
-inside = np.isfinite(found.distance_squared).astype(float)  # (tracks, detections)
+inside = coo_array((np.ones(len(found.track)), found[:2]), (2, 4)).toarray()  # tracks, detections
 choices = product(*([0, *np.flatnonzero(column) + 1] for column in inside.T))  # 0: no track
 events = [event for event in choices if event.count(1) < 2 and event.count(2) < 2]
 held = [[[t not in event for t in (1, 2)], *([n == 1, n == 2] for n in event)] for event in events]
@@ -156,10 +157,9 @@ for before, step in pairwise(tracker.steps(seen)):
     part = seen.iloc[step.detected.rows].assign(expected_row=row, expected_col=col)
     part["expected_z"] = before.tracks["depth_mm"][0]
     flat = Gate(depth_mm=np.inf)(pairs.expected, pairs.residual, step.detected)
-    part["in_ellipse"] = np.isfinite(flat.distance_squared[0])
-    sd = np.sqrt(pairs.residual[0].diagonal())
-    part[["reach_row_px", "reach_col_px"]] = Gate().distance * sd
-    parts.append(part.assign(in_gate=np.isfinite(pairs.distance_squared[0])))
+    part["in_ellipse"] = np.isin(range(len(part)), flat.detection[flat.track == 0])
+    part[["reach_row_px", "reach_col_px"]] = Gate().distance * np.sqrt(pairs.residual[0].diagonal())
+    parts.append(part.assign(in_gate=np.isin(range(len(part)), pairs.detection[pairs.track == 0])))
 table = pd.concat(parts, ignore_index=True)
 
 # %% tags=["hide-input"]

@@ -143,11 +143,13 @@ figures.save("fig-belt16-2-likelihoods", curves, **save)
 
 # %%
 follow = belt_2016.tracker_until(end_mm)
-step = max(follow.steps(spots), key=lambda one: min(5, *one.pairs.distance_squared.shape))
+step = max(
+    follow.steps(spots), key=lambda one: min(5, len(one.pairs.expected), one.pairs.detections)
+)
 costs = follow.likelihoods(step.detected, step.pairs)
-taken, (n, m) = costs.detection(), costs.costs.shape  # tracks and measurements
+pairs, n, m = step.pairs[:2], len(costs.unobserved), len(costs.new)  # tracks and measurements
 whole = np.full((n + m, m + n), np.inf)
-whole[:n, :m], whole[n:, m:] = costs.costs, 0.0
+whole[pairs], whole[n:, m:] = costs.costs, 0.0
 whole[n + np.arange(m), np.arange(m)] = -np.log(costs.new)
 whole[np.arange(n), m + np.arange(n)] = -np.log(costs.unobserved)
 whole = np.where(np.isinf(whole), np.nan, whole)
@@ -158,8 +160,9 @@ axes.imshow(whole, cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
         axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-for i, j in enumerate(taken):
-    axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
+column, taken = m + np.arange(n), costs.taken(pairs)
+column[pairs[0][taken]] = pairs[1][taken]
+axes.plot(column, np.arange(n), "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
 axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
 columns = [f"z{k + 1}" for k in range(m)] + ["unobserved"] * n

@@ -1,6 +1,6 @@
 r"""Data association: the detections that continue the tracks.
 
-    gated pairs of n tracks and m detections -> associator -> weights (n, 1 + m)
+    p gated pairs of n tracks and m detections -> associator -> weights (p,)
 
 =================  ==========================  ==================================
 associator         equation                    default, none of them printed
@@ -12,9 +12,9 @@ associator         equation                    default, none of them printed
 =================  ==========================  ==================================
 
 C_NA is the cost of a missed track (non-assignment), a_0 the weight of a difference in 3D points,
-P_D the probability of detection. Column 0 is "missed", column 1 + j is detection j. Rows sum to 1,
-of 0 and 1 (`NearestNeighbor`, `GNN`) or of probabilities.
-A track with an empty gate is missed with weight 1.
+P_D the probability of detection. A weight belongs to a pair within the gate; all others have none.
+Weights are flags (`NearestNeighbor`, `GNN`) or probabilities. The weight of "missed" is what those
+of a track's pairs leave of 1. So a track with an empty gate is missed with weight 1.
 """
 
 from __future__ import annotations
@@ -27,31 +27,35 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
-from scipy.special import softmax
+from scipy.sparse import csgraph, csr_array
 
-from kilnflight.arrays import Array, Flags, Integers
+from kilnflight.arrays import Array, Flags, Index
 from kilnflight.checks import InputError, check_finite, check_number
 
 
 class Pairs(NamedTuple):
-    """Gated pairs of n tracks and m detections of one frame, in d dimensions.
+    """The p gated pairs of n tracks and m detections of one frame, in d dimensions.
 
     Lengths are px in the kiln (d = 2) and mm on the belt. `kilnflight.tracking.filter.Gate` makes
     them; associators read them only.
     """
 
-    distance_squared: Array  # (n, m) squared Mahalanobis distance d^2; inf outside the gate
+    track: Index  # (p,) ascending
+    detection: Index  # (p,) ascending within a track
+    distance_squared: Array  # (p,) squared Mahalanobis distance d^2
+    size_difference: Array  # (p,) |N_d - N_p|, 3D points (Eq. 4.9); 0 where unknown
+    innovation: Array  # (p, d) L^-1 (detection - prediction), in standard deviations; its norm is d
     log_determinant: Array  # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
-    size_difference: Array  # (n, m) |N_d - N_p|, 3D points (Eq. 4.9); 0 where unknown
     gate_area: Array  # (n,) V(i), of the elliptical gate in px^2 (Eq. 4.13); a volume if d is 3
     gate_probability: float  # P_G, share of a particle's detections within the ellipse
     expected: Array  # (n, d) predicted positions, px
     residual: Array  # (n, d, d) S, px^2
-    factor: Array  # (n, d, d) Cholesky factors L of S = L L'
+    root: Array  # (n, d, d) L^-1, inverse of the Cholesky factor of S = L L'
+    detections: int  # m
 
 
-Associator = Callable[[Pairs], Array]  # weights (n, 1 + m); column 0 = missed
-_Orders = list[tuple[list[int], float]]  # per group: vertices in order, number of table entries
+Associator = Callable[[Pairs], Array | Flags]  # weights (p,): probabilities, or flags for 0 and 1
+_Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its vertices
 
 
 @dataclass(frozen=True)
@@ -76,25 +80,20 @@ class GNN:
         check_number(self.size_weight, f"{type(self).__name__}: size_weight", least=0)
         check_number(self.nonassignment_cost, f"{type(self).__name__}: nonassignment_cost")
 
-    def __call__(self, pairs: Pairs) -> Array:
-        """Return the optimal weights (n, 1 + m) of 0 and 1.
-
-        Column 0 = missed, column 1 + j = detection j.
-        """
-        costs = self._costs(pairs)
-        return one_hot(assign(costs, np.full(len(costs), self.nonassignment_cost)), costs.shape[1])
+    def __call__(self, pairs: Pairs) -> Flags:
+        """Return the pairs (p,) of the optimum."""
+        missed = np.full(len(pairs.expected), self.nonassignment_cost)
+        return assign(*pairs[:2], self._costs(pairs), missed)
 
     def _costs(self, pairs: Pairs) -> Array:
-        """Return the cost (n, m) of each pair, without unit (Eq. 4.9).
+        """Return the cost (p,) of each pair, ``d^2 + ln |S| + a_0 |N_d - N_p|`` (Eq. 4.9).
 
-        It is inf outside the gate and above C_NA. Else it is ``d^2 + ln |S| + a_0 |N_d - N_p|``.
         N_d and N_p are the numbers of 3D points of the detection and, as last known, of the track.
         Eq. 4.9 prints ``ln |P|``, P the covariance of the state, but takes the term from Eq. 2.50:
         ``ln |S|``, S the residual covariance. d^2 is measured in S, too.
         """
-        costs = pairs.distance_squared + pairs.log_determinant[:, None]
-        costs += self.size_weight * pairs.size_difference
-        return np.where(costs > self.nonassignment_cost, np.inf, costs)
+        costs = pairs.distance_squared + pairs.log_determinant[pairs.track]
+        return costs + self.size_weight * pairs.size_difference
 
 
 @dataclass(frozen=True)
@@ -109,19 +108,13 @@ class NearestNeighbor(GNN):
 
     size_weight: float = 0.0  # a_0; section 2.3.2 does not use the size
 
-    def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m) of 0 and 1, at most one detection per track.
-
-        Column 0 = missed, column 1 + j = detection j, given to at most one track. Pairs outside the
-        gate or above C_NA, the cost of non-assignment, are impossible.
-        """
-        costs = np.column_stack([np.full(len(pairs.expected), np.inf), self._costs(pairs)])
-        nearest = costs.argmin(axis=1) - 1  # -1: none is possible
-        order = np.argsort(costs.min(axis=1), kind="stable")  # the nearest track comes first
-        winners = order[np.unique(nearest[order], return_index=True)[1]]
-        detection = np.full(len(costs), -1)
-        detection[winners] = nearest[winners]
-        return one_hot(detection, costs.shape[1] - 1)
+    def __call__(self, pairs: Pairs) -> Flags:
+        """Return the pairs (p,) that are taken, at most one of each track and detection."""
+        costs = self._costs(pairs)
+        order = np.argsort(costs, kind="stable")[: (costs <= self.nonassignment_cost).sum()]
+        for side in pairs[:2]:  # the cheapest of each that is left
+            order = order[np.sort(np.unique(side[order], return_index=True)[1])]
+        return np.isin(np.arange(len(costs)), order)
 
 
 @dataclass(frozen=True)
@@ -139,32 +132,28 @@ class PDA:
     size_weight: float = 0.01  # a_0 per 3D point, as for GNN
 
     def __post_init__(self) -> None:
-        name, probability = type(self).__name__, self.detection_probability
-        check_number(probability, f"{name}: detection_probability", above=0, below=1)
+        name = type(self).__name__
+        check_number(self.detection_probability, f"{name}: detection_probability", above=0, below=1)
         check_number(self.size_weight, f"{name}: size_weight", least=0)
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return the weights beta (n, 1 + m) of Eq. 4.10.
-
-        Rows sum to 1. Column 0 = missed, column 1 + j = detection j.
-        """
+        """Return the weights beta (p,) of Eq. 4.10."""
         log_e, log_b = self._logs(pairs)
-        return softmax(np.column_stack([log_b, log_e]), axis=1)
+        np.logaddexp.at(log_b, pairs.track, log_e)  # now of the sum
+        return np.asarray(np.exp(log_e - log_b[pairs.track]))
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
-        """Return the log weights ln e_j (n, m) of pairs and ln b (n,) of missed tracks.
+        """Return the log weights ln e_j (p,) of pairs and ln b (n,) of missed tracks.
 
-        Eqs 4.11 to 4.13. Outside the gate ln e_j is -inf. With an empty gate the track is missed
-        for certain; ln b is then 0, since any finite value gives weight 1.
+        Eqs 4.11 to 4.13. With an empty gate the track is missed for certain; ln b is then 0, since
+        any finite value gives weight 1.
         """
         log_e = -0.5 * (pairs.distance_squared + self.size_weight * pairs.size_difference)
         p_d, p_g = self.detection_probability, pairs.gate_probability
-        # ln |2 pi S|^(1/2)
-        log_spread = 0.5 * (pairs.expected.shape[1] * np.log(2 * np.pi) + pairs.log_determinant)
-        count = np.isfinite(pairs.distance_squared).sum(axis=1)
-        density = np.where(count > 0, count, 1) / np.where(count > 0, pairs.gate_area, 1.0)
-        log_b = np.log(density) + log_spread + np.log((1 - p_d * p_g) / p_d)
-        return log_e, np.where(count > 0, log_b, 0.0)
+        spread = np.exp(0.5 * pairs.log_determinant) * (2 * np.pi) ** (pairs.expected.shape[1] / 2)
+        count = np.bincount(pairs.track, minlength=len(spread))
+        b = count / np.maximum(pairs.gate_area, 1e-300) * spread * (1 - p_d * p_g) / p_d
+        return log_e, np.log(np.where(count > 0, b, 1.0))
 
 
 @dataclass(frozen=True)
@@ -178,34 +167,43 @@ class JPDA(PDA):
     """
 
     def __call__(self, pairs: Pairs) -> Array:
-        """Return the weights (n, 1 + m), summed over all joint events.
-
-        Rows sum to 1. Column 0 = missed, column 1 + j = detection j.
-        """
-        return _marginals(*self._logs(pairs), 2**20)  # table entries; 0.1 s a frame
+        """Return the weights (p,), summed over all joint events."""
+        return _marginals(*pairs[:2], *self._logs(pairs), 2**20)[0]  # table entries; 0.1 s a frame
 
 
-def one_hot(detection: Integers, detections: int) -> Array:
-    """Return weights (n, 1 + m) of 0 and 1 for one detection per track.
+def assign(track: Index, detection: Index, cost: Array, missed: Array) -> Flags:
+    """Return which pairs (p,) are taken at the least total cost.
 
-    ``detection`` (n,) is an index below m = ``detections``, or -1: missed, column 0.
+    ``cost`` (p,) is that of a pair, ``missed`` (n,) that of a track without detection. Costs may be
+    negative. ``detection`` ascends within a ``track``. At equal cost a track takes a detection
+    rather than none, as only costs above C_NA exclude a pair (section 4.1.3).
     """
-    weights = np.zeros((len(detection), 1 + detections))
-    weights[np.arange(len(detection)), 1 + detection] = 1.0
-    return weights
+    every = np.arange(len(missed))
+    i, costs = np.concatenate([track, every]), np.concatenate([cost, missed])
+    j = np.concatenate([detection, every + (detection.max(initial=-1) + 1)])
+    order, taken = np.lexsort((costs, i)), np.zeros(len(i), np.bool_)
+    best = order[np.searchsorted(i, every, sorter=order)]  # the cheapest of each track
+    taken[best], wanted = True, j[best]
+    rivals = np.bincount(wanted, minlength=1)[wanted] > 1
+    if rivals.any():  # solve those and, step by step, the tracks whose detection they may take
+        reached, before = np.zeros(j.max() + 1, np.bool_), 0
+        while rivals.sum() > before:
+            before, reached[j[rivals[i]]] = rivals.sum(), True
+            rivals = reached[wanted]
+        inside = np.flatnonzero(rivals[i])
+        row, column = (np.cumsum(each) - 1 for each in (rivals, reached))
+        taken[inside] = _cheapest(row[i[inside]], column[j[inside]], costs[inside])
+    return taken[: len(cost)]
 
 
-def assign(cost: Array, missed: Array) -> Integers:
-    """Return the detection (n,) of each track at the least total cost; -1: none.
-
-    ``cost`` (n, m) is that of a pair, inf if impossible; ``missed`` (n,) is that of a track without
-    detection. Costs may be negative. At equal cost a track takes a detection rather than none, as
-    only costs above C_NA exclude a pair (section 4.1.3). ``ValueError``: no assignment is possible.
-    """
-    tracks, detections = cost.shape
-    alone = np.where(np.eye(tracks, dtype=np.bool_), missed, np.inf)
-    column = linear_sum_assignment(np.hstack([cost, alone]))[1]
-    return np.where(column < detections, column, -1)
+def _cheapest(row: Index, column: Index, costs: Array) -> Flags:
+    """Return which entries (q,) of a sparse table make the least sum, one in each row."""
+    if (row.max() + 1) * (column.max() + 1) > 2**20:  # 8 MB
+        table = csr_array((costs - costs.min() + 1.0, (row, column)))  # 0 would be no entry
+        return csgraph.min_weight_full_bipartite_matching(table)[1][row] == column
+    dense = np.full((row.max() + 1, column.max() + 1), np.inf)
+    dense[row, column] = costs
+    return np.asarray(linear_sum_assignment(dense)[1][row] == column)
 
 
 def joint_probabilities(
@@ -246,87 +244,93 @@ def joint_probabilities(
     missed = check_finite(nonassignment, "nonassignment, one per track", pairs.shape[:1])
     for name, values in (("likelihood", pairs), ("nonassignment", missed)):
         check_number(values.min(initial=0.0), f"{name} (not its logarithm)", least=0)
-    with np.errstate(divide="ignore"):
-        return _marginals(np.log(pairs), np.log(missed), most_states)
+    i, j = pairs.nonzero()
+    result = np.zeros((len(missed), 1 + pairs.shape[1]))
+    logs = np.log(pairs[i, j]), np.log(missed, np.full(len(missed), -np.inf), where=missed > 0)
+    result[i, 1 + j], result[:, 0] = _marginals(i, j, *logs, most_states)
+    return result
 
 
-def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int) -> Array:
-    """Return `joint_probabilities` (n, 1 + m) from logarithms (-inf for 0).
+def _marginals(i: Index, j: Index, pairs: Array, missed: Array, most: int) -> tuple[Array, Array]:
+    """Return the probabilities of p pairs (p,) and of n missed tracks (n,), from logarithms.
 
-    Arguments are (n, m), (n,) and a limit of table entries. The n tracks and, after them, the m
-    detections are vertices of a graph. ``weights`` (n + m, n + m) holds the pairs whose detection
-    several tracks can have, and on its diagonal the weight of each vertex without such a pair.
-    ``chances``, of the same shape, holds their probabilities.
+    Pairs are of tracks ``i`` and detections ``j``; ``most`` is the limit of table entries. The n
+    tracks and, after them, the m detections are vertices of a graph. Its edges are the pairs whose
+    detection several tracks can have. ``chances`` holds the probabilities of edges and, as (v, v),
+    of vertices without one.
     """
-    pairs, missed, unused, best = _scaled(log_likelihood, log_nonassignment)
-    pairs, orders = _thinned(pairs, unused, best, most_states)
-    shared, tracks = _shared(pairs, unused), len(pairs)
-    alone = np.column_stack([missed, np.where(shared, 0.0, pairs)])
-    weights = np.diag(np.concatenate([alone.sum(axis=1), unused]))
-    weights[:tracks, tracks:] = np.where(shared, pairs, 0.0)
-    weights[tracks:, :tracks] = weights[:tracks, tracks:].T
-    chances = np.eye(len(weights))
+    n, chances = len(missed), dict[tuple[int, int], float]()
+    pairs, missed, unused, best = _scaled(i, j, pairs, missed)
+    pairs, shared, graph, orders = _thinned(i, n + j, pairs, np.append(missed, unused), best, most)
+    alone = missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
     for order, _ in orders:
-        _sum_events(order, weights, chances)
-    total = np.maximum(alone.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-    probabilities: Array = alone * chances.diagonal()[:tracks, None] / total
-    probabilities[:, 1:] += chances[:tracks, tracks:]
-    return probabilities / probabilities.sum(axis=1, keepdims=True)
+        _sum_events(order, graph, np.append(alone, unused), chances)
+    scale = np.array([chances.get((v, v), 1.0) for v in range(n)]) / np.maximum(alone, 2.3e-308)
+    pairs, missed = pairs * scale[i], missed * scale
+    pairs[shared] = [chances[edge] for edge in zip(i[shared], n + j[shared], strict=True)]
+    total = missed + np.bincount(i, pairs, n)
+    return pairs / total[i], missed / total
 
 
-def _scaled(log_pairs: Array, log_missed: Array) -> tuple[Array, Array, Array, Integers]:
+def _scaled(i: Index, j: Index, log_pairs: Array, log_missed: Array) -> tuple[Any, ...]:
     """Return weights scaled so that the best joint event has weight 1, and that event.
 
-    Weights are of pairs (n, m), of missed tracks (n,) and of unused detections (m,). The event is
-    the detection (n,) of each track, -1: none. Factors are the dual prices of the best assignment
-    (Bellman and Ford); they leave probabilities unchanged. No weight exceeds 1, so none overflows,
-    and weights that underflow are negligible.
+    Weights are of pairs (p,), of missed tracks (n,) and of unused detections (m,). The event is
+    which pairs (p,) it has. Factors are the dual prices of the best assignment (Bellman and Ford);
+    they leave probabilities unchanged. No weight exceeds 1, so none overflows, and weights that
+    underflow are negligible.
     """
-    try:
-        best = assign(-log_pairs, -log_missed)
-    except ValueError as error:
-        raise InputError("nonassignment: with so many 0, no joint event is possible.") from error
-    paired, column_price = best >= 0, np.zeros(log_pairs.shape[1])
-    costs, row_price = -log_pairs[paired, best[paired]], -log_missed
-    for _ in range(len(best)):
-        row_price[paired] = costs - column_price[best[paired]]
-        lower = np.minimum(column_price, (-log_pairs - row_price[:, None]).min(axis=0, initial=0))
-        if (lower == column_price).all():
+    row_price, column_price = -log_missed, np.zeros(j.max(initial=-1) + 1)
+    best = assign(i, j, -log_pairs, np.minimum(row_price, 1e7))  # dearer than all others together
+    if np.isinf(np.delete(row_price, i[best])).any():
+        raise InputError("nonassignment: with so many 0, no joint event is possible.")
+    for _ in row_price:
+        row_price[i[best]] = -log_pairs[best] - column_price[j[best]]
+        before = column_price.copy()
+        np.minimum.at(column_price, j, -log_pairs - row_price[i])
+        if (before == column_price).all():
             break
-        column_price = lower
-    pairs = np.exp(np.minimum(0.0, log_pairs + row_price[:, None] + column_price))
+    pairs = np.exp(np.minimum(0.0, log_pairs + row_price[i] + column_price[j]))
     return pairs, np.exp(np.minimum(0.0, log_missed + row_price)), np.exp(column_price), best
 
 
-def _shared(pairs: Array, unused: Array) -> Flags:
-    """Return the pairs (n, m) that need a table of joint events.
+def _thinned(i: Index, j: Index, pairs: Array, single: Array, best: Flags, most: int) -> Any:
+    """Return the pairs (p,) without the weakest of large groups, and the graph of the others.
 
-    These are pairs whose detection several tracks can have. A single track's detection needs none
-    if its weight ``unused`` (m,) is 1: the pair then depends on no other.
-    """
-    return (pairs > 0) & (((pairs > 0).sum(axis=0) > 1) | (unused < 1.0))
-
-
-def _orders(pairs: Array, unused: Array, most: int) -> _Orders:
-    """Return the elimination order of each group's vertices, and its table entries.
-
-    A group is a connected part of the graph of `_shared` pairs (n, m). Vertices below n are tracks,
-    the others detections. Large groups are tried from eight more starts, as the size of the tables
+    Edges of the graph are pairs whose detection several tracks can have. A single track's
+    detection needs none if its weight unused is 1: the pair then depends on no other. A group is a
+    connected part. Pairs are set to 0, a thirtieth at a time, until no group needs more than
+    ``most`` table entries. Those of the ``best`` event (p,) are removed last, so that an event
+    remains possible. Large groups are tried from eight more starts, as the size of their tables
     depends on the order; the smallest is kept.
+
+    Returns
+    -------
+    tuple
+        Weights of the pairs (p,), which are edges (p,), the graph, and by group the elimination
+        order of its vertices and the number of table entries.
     """
-    near: dict[int, set[int]] = {}
-    for track, detection in np.argwhere(_shared(pairs, unused)).tolist():
-        near.setdefault(track, set()).add(len(pairs) + detection)
-        near.setdefault(len(pairs) + detection, set()).add(track)
-    orders, ordered = _Orders(), set[int]()
-    for start in near:
-        if start not in ordered:
-            order, states = first = _order(near, start, most)
-            begin = np.linspace(0, len(order) - 1, 8, dtype=int) if states > 2**12 else ()
-            trials = [first, *(_order(near, order[k], most) for k in begin)]
-            orders.append(min(trials, key=lambda trial: trial[1]))
-            ordered.update(order)
-    return orders
+    kept, dense = pairs.copy(), [-1]
+    while dense:
+        inside = np.flatnonzero((kept > 0) & np.isin(i, dense))
+        weakest = inside[np.argsort((pairs + best)[inside], kind="stable")]
+        kept[weakest[: 1 + len(weakest) // 30]] = 0.0
+        there, graph, orders, ordered = kept > 0, _Graph(), list[Any](), set[int]()
+        shared = there & ((np.bincount(j, there, len(single))[j] > 1) | (single[j] < 1.0))
+        for v, u, weight in zip(*(each[shared].tolist() for each in (i, j, kept)), strict=True):
+            graph.setdefault(v, {})[u] = graph.setdefault(u, {})[v] = weight
+        for start in (near := {v: set(edges) for v, edges in graph.items()}):
+            if start not in ordered:
+                order, states = first = _order(near, start, most)
+                begin = np.linspace(0, len(order) - 1, 8, dtype=int) if states > 2**12 else ()
+                trials = [first, *(_order(near, order[k], most) for k in begin)]
+                orders.append(min(trials, key=lambda trial: trial[1]))
+                ordered.update(order)
+        dense = [v for order, states in orders if states > most for v in order]
+    if (kept < pairs).any():
+        # One text, so Python shows it once.
+        warnings.warn("joint probabilities: weak pairs in a crowd are left out", stacklevel=4)
+    return kept, shared, graph, orders
 
 
 def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int], float]:
@@ -341,7 +345,7 @@ def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int],
         touched = frontier.union(order)
         growth = {v: len(near[v] - touched) - (v in frontier) for v in candidates}
         order.append(min(growth, key=lambda v: (growth[v], v not in frontier, v)))
-        frontier = (frontier | near[order[-1]]).difference(order)
+        frontier = frontier.union(near[order[-1]]).difference(order)
         candidates = frontier.union(*(near[v] for v in frontier)).difference(order)
         states += 2.0 ** len(frontier)
         while candidates and states > most:  # too large: only its members are asked for
@@ -350,64 +354,40 @@ def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int],
     return order, states
 
 
-def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
-    """Write the probabilities of one group's pairs into ``chances`` (n + m, n + m).
+def _sum_events(order: list[int], graph: _Graph, single: Array, chances: dict[Any, float]) -> None:
+    """Write the probabilities of one group's edges and vertices into ``chances``.
 
-    ``weights`` and ``chances`` hold pairs and, on the diagonal, vertices without a pair. Vertices
-    are removed in ``order``: unmatched, or matched with a remaining neighbour. The table has an
+    ``graph`` has the weights of edges, ``single`` those of vertices without an edge. Vertices are
+    removed in ``order``: unmatched, or matched with a remaining neighbour. The table has an
     axis for each frontier vertex (0: free, 1: matched) and holds the summed weight of the partial
     events. A backward pass multiplies it by the weight of all their completions.
     """
     table, frontier, steps = np.ones(()), list[int](), list[Any]()
     for k, vertex in enumerate(order):
-        near = [other for other in order[k + 1 :] if weights[vertex, other] > 0]
-        new = [other for other in near if other not in frontier]
-        wide = np.zeros((2,) * (len(frontier) + len(new)))
-        unmatched: Any = (..., *[0] * len(new))
-        wide[unmatched] = table
-        axis = frontier.index(vertex) if vertex in frontier else None
-        free, taken = (wide, np.zeros(())) if axis is None else np.moveaxis(wide, axis, 0)
-        frontier = [other for other in frontier + new if other != vertex]
-        table = weights[vertex, vertex] * free + taken
+        near = [other for other in order[k + 1 :] if other in graph[vertex]]
+        every = [*frontier, *(other for other in (vertex, *near) if other not in frontier)]
+        wide, axis, shape = np.zeros((2,) * len(every)), every.index(vertex), (*table.shape, -1)
+        wide.reshape(shape)[..., 0] = table
+        free, taken = np.moveaxis(wide, axis, 0)
+        frontier = [other for other in every if other != vertex]
+        table = single[vertex] * free + taken
         halves: Any = {other: (slice(None),) * frontier.index(other) for other in near}
         for other, half in halves.items():
-            table[*half, 1] += weights[vertex, other] * free[*half, 0]
+            table[*half, 1] += graph[vertex][other] * free[*half, 0]
         table /= table.max()
-        steps.append((vertex, halves, axis, unmatched, free, taken))
+        steps.append((vertex, halves, axis, shape, free, taken))
     follows = np.ones(())
-    for vertex, halves, axis, unmatched, free, taken in reversed(steps):
-        before = weights[vertex, vertex] * follows
+    for vertex, halves, axis, shape, free, taken in reversed(steps):
+        before = single[vertex] * (follows := follows / follows.max())
         shares = {vertex: (free * before).sum()}
         for other, half in halves.items():
-            ahead = weights[vertex, other] * follows[*half, 1]
+            ahead = graph[vertex][other] * follows[*half, 1]
             shares[other] = (free[*half, 0] * ahead).sum()
             before[*half, 0] += ahead
         total = sum(shares.values()) + (taken * follows).sum()
         for other, share in shares.items():
-            chances[vertex, other] = chances[other, vertex] = share / total
-        follows = (before if axis is None else np.stack([before, follows], axis=axis))[unmatched]
-        follows = follows / follows.max()
-
-
-def _thinned(pairs: Array, unused: Array, best: Integers, most: int) -> tuple[Array, _Orders]:
-    """Return the pairs (n, m) without the weakest of large groups, and the orders.
-
-    Pairs are set to 0, a thirtieth at a time, until no group in `_orders` has more than ``most``
-    table entries. Pairs of the ``best`` event (n,) are removed last, so that an event remains
-    possible.
-    """
-    kept, orders = pairs.copy(), _orders(pairs, unused, most)
-    strength = pairs + (best[:, None] == np.arange(pairs.shape[1]))
-    while dense := [v for order, states in orders if states > most for v in order]:
-        inside = np.flatnonzero((kept > 0) & np.isin(np.arange(len(pairs)), dense)[:, None])
-        weakest = inside[np.argsort(strength.flat[inside], kind="stable")]
-        kept.flat[weakest[: 1 + len(weakest) // 30]] = 0.0
-        orders = _orders(kept, unused, most)
-    if (kept < pairs).any():
-        # One text, so Python shows it once.
-        what = "the least likely pairs of crowded particles are left out"
-        warnings.warn(f"joint probabilities: {what}", stacklevel=4)
-    return kept, orders
+            chances[vertex, other] = chances[other, vertex] = float(share / total)
+        follows = np.stack([before, follows], axis=axis).reshape(shape)[..., 0]
 
 
 ASSOCIATORS: tuple[Associator, ...] = (NearestNeighbor(), GNN(), PDA(), JPDA())

@@ -76,9 +76,10 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     costs = rng.uniform(-5, 30, (tracks, detections))
     costs[rng.random(costs.shape) < 0.4] = np.inf
     unobserved, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
-    column = Likelihoods(costs, unobserved, new, np.zeros(tracks)).detection()
-    total = sum(costs[i, j] if j >= 0 else -np.log(unobserved[i]) for i, j in enumerate(column))
-    total -= np.log(np.delete(new, column[column >= 0])).sum()
+    i, j = pairs = np.isfinite(costs).nonzero()
+    taken = Likelihoods(costs[pairs], unobserved, new, np.zeros(tracks)).taken(pairs)
+    total = costs[pairs][taken].sum() - np.log(np.delete(unobserved, i[taken])).sum()
+    total -= np.log(np.delete(new, j[taken])).sum()
     assert total == pytest.approx(whole_matrix(costs, unobserved, new)[1])
 
 
@@ -92,8 +93,8 @@ def test_costs_are_minus_log_likelihoods_and_scores_add_up():
         if len(likelihoods.costs):
             expected = multivariate_normal(step.pairs.expected[0], step.pairs.residual[0])
             density = expected.pdf(step.detected.positions[0])
-            assert likelihoods.costs[0, 0] == pytest.approx(-np.log(0.9 * density))
-            score -= likelihoods.costs[0, 0] + clutter
+            assert likelihoods.costs[0] == pytest.approx(-np.log(0.9 * density))
+            score -= likelihoods.costs[0] + clutter
         else:
             score = np.log(likelihoods.new[0]) - clutter
         assert step.tracks["score"][0] == pytest.approx(score)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.association import GNN, JPDA, NearestNeighbor
-from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
+from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
 from kilnflight.tracking.tracker import Management, record, track
 
 trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
@@ -92,7 +92,7 @@ def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
 
     def undecided(last):
         rows = np.array([[0.2, 0.6, 0.2, 0.0], last])
-        return lambda pairs: np.eye(len(pairs[0]), 4)[:, :3] if len(pairs[0]) < 2 else rows
+        return lambda pairs: rows[pairs.track, 1 + pairs.detection]
 
     first = pd.DataFrame({"frame": 0, "row": [0.0, 8.0], "col": 0.0, "z": 5000.0, "gray": 1.0})
     second = first.iloc[[0, 0, 0]].assign(frame=1, row=[0.0, 4.0, 14.0], gray=[7.0, 8.0, 9.0])
@@ -122,7 +122,9 @@ def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
     ],
 )
 def test_the_track_for_which_a_detection_is_recorded(weights, owner):
-    assert record(np.array(weights)).tolist() == owner
+    at, (n, m) = np.zeros((3, 2)), np.subtract(np.shape(weights), (0, 1))
+    pairs = Gate()(at[:n], np.stack([np.eye(2)] * n), Detected(at[:1].repeat(m, axis=0)))
+    assert record(pairs, np.array(weights)[:, 1:].ravel()).tolist() == owner
 
 
 def test_places_may_be_named_x_and_y():

@@ -18,8 +18,8 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.special import ndtr
 
-from kilnflight.arrays import Array, Flags, Integers
-from kilnflight.association import Pairs, assign, one_hot
+from kilnflight.arrays import Array, Flags, Index, Integers
+from kilnflight.association import Pairs, assign
 from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.checks import InputError
@@ -140,15 +140,17 @@ _MOTION, _APPEARANCE = constant_velocity(), Appearance()
 
 
 class Likelihoods(NamedTuple):
-    """Likelihoods of n tracks and m measurements of a frame (Fig. 3)."""
+    """Likelihoods of p gated pairs of n tracks and m measurements of a frame (Fig. 3)."""
 
-    costs: Array  # (n, m), -ln of (1 - MISSED) N(z; prediction, S) per mm^2; inf outside the gate
+    costs: Array  # (p,), -ln of (1 - MISSED) N(z; prediction, S) per mm^2
     unobserved: Array  # (n,), probability that a track is not observed
     new: Array  # (m,), likelihood per mm^2 that a measurement starts a track
     outside: Array  # (n,), probability that the prediction lies outside the area
 
-    def detection(self) -> Integers:
-        """Return each track's measurement (n,) in the likeliest association; -1: none.
+    def taken(self, pairs: tuple[Index, Index]) -> Flags:
+        """Return which pairs (p,) the likeliest association takes.
+
+        ``pairs`` are their tracks and measurements, (p,) each.
 
         Notes
         -----
@@ -158,7 +160,8 @@ class Likelihoods(NamedTuple):
         the ``costs`` of the measurement's pairs, that is adding ln ``new``, gives the same optimum
         without the extra rows.
         """
-        return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
+        costs = self.costs + np.log(self.new)[pairs[1]]
+        return assign(*pairs, costs, -np.log(self.unobserved))
 
 
 class Followed(NamedTuple):
@@ -234,7 +237,7 @@ class BeltTracker:
         """Yield the `Step` of each frame from the first measurement on.
 
         Frames without measurements have one, too. A step holds the m measurements of the frame,
-        their gated pairs with the n tracks, and weights (n, 1 + m). It also holds each
+        their p gated pairs with the n tracks, and weights (p,). It also holds each
         measurement's track (m,), and the tracks after the frame.
 
         Parameters
@@ -300,25 +303,24 @@ class BeltTracker:
         """Return the likelihoods of n tracks and m measurements, for their association."""
         unobserved, outside = self.appearance.unobserved_likelihood(pairs.expected, pairs.residual)
         logs = pairs.log_determinant + pairs.expected.shape[1] * np.log(2.0 * np.pi)
-        costs = 0.5 * logs[:, None] - np.log(1.0 - MISSED) + 0.5 * pairs.distance_squared
+        costs = 0.5 * logs[pairs.track] - np.log(1.0 - MISSED) + 0.5 * pairs.distance_squared
         return Likelihoods(costs, unobserved, self.appearance.new(detected.positions), outside)
 
     def associate(
         self, tracks: Tracks, detected: Detected, pairs: Pairs
-    ) -> tuple[Array, ExtraColumns, ExtraColumns]:
-        """Return the weights of a frame, and the scores of tracks and of new tracks.
+    ) -> tuple[Flags, ExtraColumns, ExtraColumns]:
+        """Return the pairs that are taken, and the scores of tracks and of new tracks.
 
-        Weights (n, 1 + m) are 0 or 1; column 0 is "missed". Scores are the columns `SCORES`, (n,)
-        of the tracks and (m,) of those that the measurements would start. `follow` calls it.
+        Flags are of the pairs (p,). Scores are the columns `SCORES`, (n,) of the tracks and (m,) of
+        those that the measurements would start. `follow` calls it.
         """
         likelihoods = self.likelihoods(detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
-        detection = likelihoods.detection()
-        gain, found = np.log(likelihoods.unobserved), np.flatnonzero(detection >= 0)
-        gain[found] = -(likelihoods.costs[found, detection[found]] + clutter)
+        gain, taken = np.log(likelihoods.unobserved), likelihoods.taken(pairs[:2])
+        gain[pairs.track[taken]] = -(likelihoods.costs[taken] + clutter)
         scores = _scores(tracks["score"] + gain, tracks["best"], likelihoods.outside)
         first = np.log(likelihoods.new) - clutter
-        return one_hot(detection, len(first)), scores, _scores(first, first, np.zeros_like(first))
+        return taken, scores, _scores(first, first, np.zeros_like(first))
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each track (n,) lives on: measured, or neither outside nor lost.

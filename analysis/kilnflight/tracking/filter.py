@@ -25,18 +25,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from scipy.linalg import toeplitz
+from scipy.spatial import cKDTree
 from scipy.special import gammainc
 
-from kilnflight.arrays import Array, Integers
+from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import Pairs
 from kilnflight.checks import InputError, check_finite, check_number, check_shape
 
 NO_ROWS: Integers = np.zeros(0, np.intp)
+FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones faster
 
 
 @dataclass(frozen=True)
@@ -82,25 +85,17 @@ class Motion:
         noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
         return np.asarray(noise, dtype=np.float64)
 
-    def measurement(self) -> Array:
-        """Return the measurement matrix H (d, k), which selects positions (sec. 4.1.4)."""
-        axes = len(self.velocity)
-        return np.eye(axes, axes * len(self.spreads))
-
     def measurement_noise(self) -> Array:
         """Return the covariance R (d, d) of a measurement in px^2, equal for all axes."""
         return self.spreads[0] ** 2 * np.eye(len(self.velocity))
 
-    def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, k) and covariances (n, k, k) of new tracks.
-
-        ``positions`` (n, d) are those of their first detections, px.
-        """
-        axes, count = len(self.velocity), len(positions)
+    def initial(self) -> tuple[Array, Array]:
+        """Return the state (k,) and covariance (k, k) of a new track at the origin."""
+        axes = len(self.velocity)
         variance = np.repeat(np.square(self.spreads), axes)
-        state = np.zeros((count, len(variance)))
-        state[:, :axes], state[:, axes : 2 * axes] = positions, self.velocity
-        return state, np.repeat(np.diag(variance)[None], count, axis=0)
+        state = np.zeros(len(variance))
+        state[axes : 2 * axes] = self.velocity
+        return state, np.diag(variance)
 
 
 def ConstantVelocity(  # noqa: N802  named as the model
@@ -143,26 +138,15 @@ def predict(
     Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right, but the
     text below it says posterior, and so does Eq. 4.6. The posterior is taken here.
     """
-    spread = transition @ covariance @ transition.T + process_noise
-    return state @ transition.T, _symmetric(spread)
-
-
-def residual_covariance(covariance: Array, measurement: Array, noise: Array) -> Array:
-    """Return the residual covariance S = H P H' + R, (n, d, d) in px^2.
-
-    P is ``covariance`` (n, k, k), H ``measurement`` (d, k) and R ``noise`` (d, d). The gate and the
-    association measure distances in S.
-    """
-    return _symmetric(measurement @ covariance @ measurement.T + noise)
+    n, k = state.shape
+    # Products of all rows at once: one for each track takes twice as long. P is symmetric.
+    half = (covariance.reshape(n * k, k) @ transition.T).reshape(n, k, k).mT
+    spread = (half.reshape(n * k, k) @ transition.T).reshape(n, k, k) + process_noise
+    return state @ transition.T, 0.5 * (spread + spread.mT)
 
 
 def update(
-    state: Array,
-    covariance: Array,
-    factor: Array,
-    positions: Array,
-    weights: Array,
-    measurement: Array,
+    state: Array, covariance: Array, pairs: Pairs, weights: Array | Flags
 ) -> tuple[Array, Array]:
     """Return the state (n, k) and covariance (n, k, k) after one frame's detections.
 
@@ -170,15 +154,11 @@ def update(
     ----------
     state, covariance
         Predictions of n tracks, (n, k) and (n, k, k).
-    factor
-        Cholesky factors L (n, d, d) of their residual covariances, `Pairs.factor`.
-    positions
-        Detections in this frame, (m, d) in px.
+    pairs
+        Their gated pairs with the detections.
     weights
-        (n, 1 + m), rows sum to 1; column 0 is "missed". A one-hot row is the textbook update (Eqs
-        2.46-2.48). Weight 1 on "missed" returns the prediction bit by bit.
-    measurement
-        H (d, k).
+        (p,) of the pairs. One pair of weight 1 is the textbook update (Eqs 2.46-2.48). Without
+        weights the prediction stays.
 
     Notes
     -----
@@ -187,27 +167,18 @@ def update(
     innovations about their mean, "missed" counting as an innovation of zero. This is the printed
     term, as a sum of squares.
     """
-    root = np.linalg.solve(factor, measurement @ covariance)  # W' (n, d, k)
-    expected = (state @ measurement.T)[:, :, None]
-    shares = weights[:, 1:, None]
-    mean = np.linalg.solve(factor, positions.T @ shares - shares.sum(axis=1)[:, None] * expected)
-    moved = state + (root.mT @ mean)[:, :, 0]  # Eqs 2.46 and 2.52
-    spread = covariance - (1.0 - weights[:, :1, None]) * (root.mT @ root)  # Eq. 2.54 with 2.55
-    several = np.flatnonzero((weights > 0).sum(axis=1) > 1)
-    if len(several):
-        innovations = np.linalg.solve(factor[several], positions.T - expected[several])
-        apart = np.concatenate([0.0 * mean[several], innovations], axis=2) - mean[several]
-        scatter = (weights[several, None] * apart) @ apart.mT
-        spread[several] += root[several].mT @ scatter @ root[several]  # Eq. 2.56
-    missed = weights[:, 0] == 1.0
-    moved[missed] = state[missed]
-    spread = _symmetric(spread)
-    spread[missed] = covariance[missed]
-    return moved, spread
-
-
-def _symmetric(matrices: Array) -> Array:
-    return np.asarray(0.5 * (matrices + matrices.mT), dtype=np.float64)
+    (n, d), track = pairs.expected.shape, pairs.track
+    root = pairs.root @ covariance[:, :d]  # W' (n, d, k); H selects positions
+    mean = np.array([np.bincount(track, weights * each, n) for each in pairs.innovation.T]).T
+    given = np.bincount(track, weights, n)[:, None, None]  # 1 - the weight of "missed"
+    moved = state + np.einsum("ndk,nd->nk", root, mean)  # Eqs 2.46 and 2.52
+    spread = covariance - (given * root.mT) @ root  # Eq. 2.54 with 2.55
+    if weights.dtype != np.bool_:
+        scatter = (1.0 - given) * mean[:, :, None] * mean[:, None]
+        apart = pairs.innovation - mean[track]
+        np.add.at(scatter, track, weights[:, None, None] * apart[:, :, None] * apart[:, None])
+        spread += root.mT @ scatter @ root  # Eq. 2.56
+    return moved, np.asarray(0.5 * (spread + spread.mT))
 
 
 class Detected(NamedTuple):
@@ -258,10 +229,9 @@ class Gate:
         depth_mm: Array | None = None,
         points: Array | None = None,
     ) -> Pairs:
-        """Return the distances of all pairs of n tracks and m detections.
+        """Return the pairs of n tracks and m detections within the gate.
 
-        Every pair is an entry (n, m); those outside the gate have an infinite distance. A pair
-        whose depth is unknown on either side is judged by its distance in the image alone.
+        A pair whose depth is unknown on either side is judged by its distance in the image alone.
 
         Parameters
         ----------
@@ -277,43 +247,62 @@ class Gate:
         Returns
         -------
         Pairs
-            By pair (n, m): squared Mahalanobis distance, inf outside the gate, and difference in 3D
-            points, 0 outside or where unknown. By track: ``ln |S|`` (n,), area V of the gate (n,),
-            the predictions (n, d), S and its Cholesky factor (n, d, d). One number: P_G, the
-            probability of a detection within the ellipse. Associators and `update` need these.
+            What associators and `update` need.
 
         Raises
         ------
         InputError
-            If a residual covariance is singular.
+            If a residual covariance in the plane is singular.
         """
-        try:
-            factor = np.asarray(np.linalg.cholesky(residual), np.float64)
-        except np.linalg.LinAlgError as error:
-            raise InputError(
-                "motion: a residual covariance (S = H P H' + R) is singular. Give the motion more "
-                "measurement noise."
-            ) from error
-        apart = detected.positions.T - expected[:, :, None]
-        squares = np.square(np.linalg.solve(factor, apart)).sum(axis=1)
-        steps = _differences(depth_mm, detected.depth_mm, squares.shape)
-        outside = (squares >= self.distance**2) | (steps >= self.depth_mm)  # NaN passes
-        sizes = _differences(points, detected.points, squares.shape)
-        sizes[outside | np.isnan(sizes)] = 0.0
-        logs = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        d = expected.shape[1]
+        logs, root = _root(residual)
+        d, limit = expected.shape[1], self.distance**2
+        # No axis of an ellipse is longer than the root of the trace of S.
+        i, j = _near(expected, detected.positions, limit * np.einsum("naa->n", residual))
+        innovation = np.einsum("pab,pb->pa", root[i], detected.positions[j] - expected[i])
+        squares = np.einsum("pa,pa->p", innovation, innovation)
+        inside = squares < limit
+        if depth_mm is not None and detected.depth_mm is not None:
+            inside &= ~(np.abs(depth_mm[i] - detected.depth_mm[j]) >= self.depth_mm)  # NaN passes
+        some = np.flatnonzero(inside)
+        i, j, squares, innovation = i[some], j[some], squares[some], innovation[some]
+        sizes = np.zeros(len(i))
+        if points is not None and detected.points is not None:
+            sizes = np.abs(points[i] - detected.points[j])
+            sizes[np.isnan(sizes)] = 0.0
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         areas = ball * self.distance**d * np.exp(logs / 2)
-        probability = float(gammainc(d / 2, self.distance**2 / 2))
-        squares = np.where(outside, np.inf, squares)
-        return Pairs(squares, logs, sizes, areas, probability, expected, residual, factor)
+        probability = float(gammainc(d / 2, limit / 2))
+        m, places = len(detected.positions), (expected, residual, root)
+        return Pairs(i, j, squares, sizes, innovation, logs, areas, probability, *places, m)
 
 
-def _differences(tracks: Array | None, detections: Array | None, shape: tuple[int, ...]) -> Array:
-    """Return absolute differences (n, m) of tracks (n,) and detections (m,).
+def _root(matrices: Array) -> tuple[Array, Array]:
+    """Return ln |S| (n,) and L^-1 of matrices S = L L' (n, d, d)."""
+    if matrices.shape[1] != 2:
+        factor = np.linalg.cholesky(matrices)
+        return 2.0 * np.log(factor.diagonal(0, 1, 2)).sum(axis=1), np.linalg.inv(factor)
+    # By hand in the plane: one call for each matrix takes three times as long.
+    first = np.sqrt(matrices[:, 0, 0])
+    below = matrices[:, 1, 0] / first
+    rest = matrices[:, 1, 1] - below * below
+    if not rest.min(initial=1.0) > 0:  # NaN is not
+        raise InputError(
+            "motion: a residual covariance (S = H P H' + R) is singular. Give the motion more "
+            "measurement noise."
+        )
+    second, root = np.sqrt(rest), np.zeros(matrices.shape)
+    root[:, 0, 0], root[:, 1, 1], root[:, 1, 0] = 1 / first, 1 / second, -below / (first * second)
+    return 2.0 * (np.log(first) + np.log(second)), root
 
-    NaN where either is unknown. ``shape`` is (n, m).
-    """
-    if tracks is None or detections is None:
-        return np.full(shape, np.nan)
-    return np.abs(tracks[:, None] - detections)
+
+def _near(expected: Array, positions: Array, reach: Array) -> tuple[Index, Index]:
+    """Return the pairs of n tracks and m detections within a squared distance ``reach`` (n,)."""
+    n = len(expected)
+    if n * len(positions) <= FEW:
+        axes = zip(expected.T, positions.T, strict=True)
+        apart = sum(np.square(one[:, None] - other) for one, other in axes)
+        return (apart <= reach[:, None]).nonzero()
+    tree = cKDTree(positions, 32, compact_nodes=False, balanced_tree=False)
+    found = tree.query_ball_point(expected, np.sqrt(reach))
+    i = np.repeat(np.arange(n), list(map(len, found)))
+    return i, np.fromiter(chain.from_iterable(found), np.intp, len(i))

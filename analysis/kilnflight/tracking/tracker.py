@@ -21,15 +21,7 @@ from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
 from kilnflight.checks import check_columns, check_finite, check_number
 from kilnflight.tables import TO_TRACK, plain, with_pixels
-from kilnflight.tracking.filter import (
-    ConstantVelocity,
-    Detected,
-    Gate,
-    Motion,
-    predict,
-    residual_covariance,
-    update,
-)
+from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion, predict, update
 
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
@@ -43,10 +35,10 @@ class Step(NamedTuple):
     """
 
     detected: Detected
-    pairs: Pairs  # of the n tracks that live and the m detections
-    weights: Array  # (n, 1 + m)
+    pairs: Pairs  # p of the n tracks that live and the m detections
+    weights: Array | Flags  # (p,)
     particle: Integers  # (m,), id of the track of each detection, old or new; -1: none
-    owner: Integers  # (m,), row of ``weights``: the old track recorded with it; -1: none
+    owner: Integers  # (m,), index of the old track that is recorded with it; -1: none
     tracks: Tracks  # the n tracks after the update, then the new ones
 
 
@@ -87,8 +79,8 @@ class Management:
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-# Weights (n, 1 + m), extra columns (n,) of tracks, and (m,) of detections if they start one.
-Associate = Callable[[Tracks, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
+# Weights (p,), extra columns (n,) of tracks, and (m,) of detections if they start one.
+Associate = Callable[[Tracks, Detected, Pairs], tuple[Array | Flags, ExtraColumns, ExtraColumns]]
 Keeps = Callable[[Tracks, int], Flags]  # which tracks live on in a frame
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
@@ -147,18 +139,17 @@ def track(
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    shared = list[tuple[Integers, Integers, Array]]()
-    each, hidden = (
-        steps(detections, associator, motion, gate, management),
-        None if progress else True,
-    )
+    shared, hidden = list[tuple[Integers, Integers, Any]](), None if progress else True
+    each = steps(detections, associator, motion, gate, management)
     for step in tqdm(each, "tracking", detections["frame"].nunique(), unit="frame", disable=hidden):
-        rows, recorded = step.detected.rows, np.flatnonzero(step.owner >= 0)
+        rows = step.detected.rows
         particle[rows] = step.particle
-        shares = step.weights[step.owner[recorded], 1:]
-        several = (shares > 0).sum(axis=1) > 1
-        if several.any():
-            shared.append((rows[recorded[several]], rows, shares[several]))
+        if step.weights.dtype != np.bool_:
+            at, taken = np.full(len(step.pairs.expected), -1), np.flatnonzero(step.owner >= 0)
+            at[step.owner[taken]] = rows[taken]
+            at = at[step.pairs.track]
+            used = (at >= 0) & (step.weights > 0)
+            shared.append((at[used], rows[step.pairs.detection[used]], step.weights[used]))
     return _averaged(detections, shared).assign(particle=particle)
 
 
@@ -167,20 +158,23 @@ def _averaged(
 ) -> pd.DataFrame:
     """Return the table with weighted mean positions where a track used several rows.
 
-    ``shared`` has, per frame, the k rows (k,) that get a mean, the m rows of its detections (m,),
-    and the weights (k, m). Means are of row, col, x, y, z; an unknown value has no weight.
+    ``shared`` has, per frame and weight above 0, the row (q,) that gets a mean, the row of the
+    detection (q,) and the weight (q,). Means are of row, col, x, y, z; an unknown value has no
+    weight.
     """
     if not shared:
         return detections
-    names = [name for name in ("row", "col", "x", "y", "z") if name in detections.columns]
-    places = detections[names].to_numpy(np.float64)
-    means = places.copy()
-    for at, rows, weights in shared:
-        known = ~np.isnan(places[rows])
-        with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
-            means[at] = weights @ np.where(known, places[rows], 0.0) / (weights @ known)
-    table = detections.copy()
-    table[names] = means
+    at, rows, weights = map(np.concatenate, zip(*shared, strict=True))
+    table, count = detections.copy(), len(detections)
+    several = np.flatnonzero(np.bincount(at, minlength=count) > 1)
+    for name in ("row", "col", "x", "y", "z") if len(several) else ():
+        if name in table.columns:
+            places = table[name].to_numpy(np.float64, copy=True)
+            known, sums = ~np.isnan(places[rows]), np.where(np.isnan(places), 0.0, places)
+            sums = np.bincount(at, weights * sums[rows], count)[several]
+            with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
+                places[several] = sums / np.bincount(at, weights * known, count)[several]
+            table[name] = places
     return table
 
 
@@ -211,8 +205,9 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
 
     Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in px in place
     of row, col is renamed. ``span`` is the number of frames since the last frame with detections, 0
-    in the first one. Unknown z and points are NaN. Within a frame, detections are sorted by row,
-    col, z, points: ids of new tracks and ties then do not depend on the order of the table.
+    in the first one. Unknown z and points are NaN, or None where all are. Within a frame,
+    detections are sorted by row, col, z, points: ids of new tracks and ties then do not depend on
+    the order of the table.
     """
     table = with_pixels(table)
     optional = [name for name in ("particle", "z", "points") if name in table.columns]
@@ -226,20 +221,16 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     if "points" in optional:
         points = check_finite(table["points"], "detections to track: column points", gaps=True)
         points = np.where(points > 0, points, np.nan)
-    extra = [values for values in (points, z) if not np.isnan(values).all()]
-    order = np.lexsort((*extra, col, row, frames))
+    more = [None if np.isnan(values).all() else values for values in (z, points)]
+    keys = [*(values for values in more[::-1] if values is not None), col, row]
+    order, places = np.argsort(frames, kind="stable"), np.stack([row, col], axis=1)
     numbers, starts = np.unique(frames[order].astype(np.int64), return_index=True)
-    spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
-    parts = np.split(order, starts[1:]) if len(order) else []
-    for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=True):
-        yield Detected(
-            np.stack([row[part], col[part]], axis=1),
-            z[part],
-            points[part],
-            number,
-            span,
-            rows[part],
-        )
+    spans, ends = np.diff(numbers, prepend=numbers[:1]).astype(float), [*starts[1:], len(order)]
+    for number, span, start, end in zip(numbers.tolist(), spans, starts, ends, strict=False):
+        part = order[start:end]
+        part = part[np.lexsort([key[part] for key in keys])]
+        depth, size = (None if values is None else values[part] for values in more)
+        yield Detected(places[part], depth, size, number, float(span), rows[part])
 
 
 def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dtype[np.void]:
@@ -247,7 +238,7 @@ def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dty
 
     The state has k numbers: positions, velocities and so on of ``motion``.
     """
-    k = motion.measurement().shape[1]
+    k = len(motion.initial()[0])
     return np.dtype(
         [
             ("particle", np.int64),  # ids in order of birth
@@ -282,8 +273,8 @@ def follow(
     motion, gate
         Motion of particles, limits of distance.
     associate
-        Function of tracks, detections and gated pairs. It returns weights (n, 1 + m), extra columns
-        of the n tracks, and extra columns of the m tracks that the detections would start.
+        Function of tracks, detections and gated pairs. It returns weights (p,), extra columns of
+        the n tracks, and extra columns of the m tracks that the detections would start.
     keeps
         Function of tracks and frame number that returns which tracks live on, (n,).
     extra_columns
@@ -291,76 +282,80 @@ def follow(
     used
         Weight in a recorded track from which a detection starts no new one.
     """
-    measurement, noise = motion.measurement(), motion.measurement_noise()
-    tracks, started, span = np.zeros(0, _layout(motion, extra_columns)), 0, -1.0
+    noise, born = motion.measurement_noise(), np.zeros(1, _layout(motion, extra_columns))
+    born["state"], born["covariance"] = motion.initial()
+    born["depth_mm"] = born["points"] = np.nan
+    # ``room`` has the n tracks, one for each detection to start, and ``born``.
+    room, n, started, span, d = born, 0, 0, -1.0, len(noise)
     for detected in frames:
-        tracks = tracks[keeps(tracks, detected.frame)]
+        kept, m = np.flatnonzero(keeps(room[:n], detected.frame)), len(detected.positions)
+        room, n = room.take(np.concatenate([kept, np.full(m + 1, -1)])), len(kept)
+        tracks = room[:n]
         if detected.span != span:
             span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
         state, covariance = predict(tracks["state"], tracks["covariance"], *moves)
-        residual = residual_covariance(covariance, measurement, noise)
-        expected = state @ measurement.T
-        pairs = gate(expected, residual, detected, tracks["depth_mm"], tracks["points"])
+        residual = covariance[:, :d, :d] + noise  # S = H P H' + R; H selects positions
+        pairs = gate(state[:, :d], residual, detected, tracks["depth_mm"], tracks["points"])
         weights, extra, extra_of_new = associate(tracks, detected, pairs)
-        tracks["state"], tracks["covariance"] = update(
-            state, covariance, pairs.factor, detected.positions, weights, measurement
-        )
-        owner = record(weights)
-        taken = np.flatnonzero(owner >= 0)
-        free = weights[owner[taken], 1:].max(axis=0, initial=0.0) < used
-        alone = np.flatnonzero((owner < 0) & free)
+        tracks["state"], tracks["covariance"] = update(state, covariance, pairs, weights)
         tracks["row"] = -1
         for name, values in extra.items():
             tracks[name] = values
-        old = tracks[owner[taken]]
-        old["visible"] += 1
-        _record(old, detected, taken)
-        tracks[owner[taken]] = old
-        new = np.zeros(len(alone), tracks.dtype)
-        new["particle"] = started + np.arange(len(new))
-        new["state"], new["covariance"] = motion.initial(detected.positions[alone])
-        new["depth_mm"] = new["points"] = np.nan
-        new["born"], new["visible"] = detected.frame, 1
+        owner = record(pairs, weights)
+        share = np.zeros(m)
+        if weights.dtype != np.bool_:  # else a detection with a weight is recorded
+            used_by = np.isin(pairs.track, owner)
+            np.maximum.at(share, pairs.detection[used_by], weights[used_by])
+        alone = np.flatnonzero((owner < 0) & (share < used))
+        new, at = room[n : n + len(alone)], owner.copy()  # ``at``: the track of each detection
+        at[alone] = n + np.arange(len(alone))
+        new["particle"], new["born"] = started + np.arange(len(alone)), detected.frame
+        new["state"][:, :d] = detected.positions[alone]
         for name, values in extra_of_new.items():
             new[name] = values[alone]
-        _record(new, detected, alone)
-        particle = np.full(len(owner), -1)
-        particle[taken], particle[alone] = old["particle"], new["particle"]
-        tracks, started = np.concatenate([tracks, new]), started + len(new)
+        tracks, n, started = room[: n + len(alone)], n + len(alone), started + len(alone)
+        recorded, particle = np.flatnonzero(at >= 0), np.full(m, -1)
+        particle[recorded] = tracks["particle"][at[recorded]]
+        _record(tracks, at[recorded], detected, recorded)
         yield Step(detected, pairs, weights, particle, owner, tracks)
 
 
-def _record(tracks: Tracks, detected: Detected, recorded: Index) -> None:
-    """Write k recorded detections into their k tracks, in place.
+def _record(tracks: Tracks, at: Index, detected: Detected, recorded: Index) -> None:
+    """Write k recorded detections into the tracks ``at`` (k,), in place.
 
     ``recorded`` (k,) are the indices of the detections. A track keeps its depth (mm) and number of
     3D points where a detection has none.
     """
-    tracks["last"], tracks["row"] = detected.frame, detected.rows[recorded]
+    tracks["visible"][at] += 1
+    tracks["last"][at], tracks["row"][at] = detected.frame, detected.rows[recorded]
     for name, values in (("depth_mm", detected.depth_mm), ("points", detected.points)):
         if values is not None:
-            known = values[recorded]
-            tracks[name] = np.where(np.isnan(known), tracks[name], known)
+            known = ~np.isnan(values[recorded])
+            tracks[name][at[known]] = values[recorded[known]]
 
 
-def record(weights: Array) -> Integers:
+def record(pairs: Pairs, weights: Array | Flags) -> Index:
     """Return the index of the track (m,) recorded at each detection; -1: none.
 
-    ``weights`` is (n, 1 + m), column 0 = missed. The rule is in the notes of `track`. At equal
-    weight the older track comes first, then the first detection.
+    ``weights`` (p,) are those of the pairs. The rule is in the notes of `track`. At equal weight
+    the older track comes first, then the first detection.
     """
-    pairs = weights[:, 1:]
-    owner, free = np.full(pairs.shape[1], -1), np.ones(len(pairs), dtype=np.bool_)
-    if not pairs.size:
+    owner, n = np.full(pairs.detections, -1), len(pairs.expected)
+    if weights.dtype == np.bool_:
+        owner[pairs.detection[weights]] = pairs.track[weights]
         return owner
-    first = pairs.argmax(axis=0) == np.arange(len(pairs))[:, None]
-    likely = (pairs.sum(axis=0) > 0.5) & first
-    heaviest = pairs.argmax(axis=1)[:, None] == np.arange(pairs.shape[1])
-    there = heaviest & (pairs.sum(axis=1, keepdims=True) > weights[:, :1])
-    tracks, detections = np.nonzero(likely | there | (pairs > weights[:, :1]))
-    order = np.argsort(-pairs[tracks, detections], kind="stable")
-    for i, j in zip(tracks[order].tolist(), detections[order].tolist(), strict=True):
+    order = np.argsort(-1.0 * weights, kind="stable")
+    order = order[weights[order] > 0]
+    track, detection, weight = pairs.track[order], pairs.detection[order], weights[order]
+    first, heaviest = np.zeros((2, len(order)), np.bool_)
+    first[np.unique(detection, return_index=True)[1]] = True
+    heaviest[np.unique(track, return_index=True)[1]] = True
+    given, free = np.bincount(pairs.track, weights, n), np.ones(n, np.bool_)
+    likely = first & (np.bincount(detection, weight, len(owner))[detection] > 0.5)
+    there = heaviest & (given[track] > 0.5)
+    chosen = likely | there | (weight > 1.0 - given[track])
+    for i, j in zip(track[chosen].tolist(), detection[chosen].tolist(), strict=True):
         if free[i] and owner[j] < 0:
             owner[j], free[i] = i, False
     return owner

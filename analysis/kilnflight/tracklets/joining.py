@@ -59,13 +59,12 @@ def hungarian(pairs: Candidates) -> Index:
     Kuhn-Munkres method, which Fig. 4.14 compares with `dual_nearest`. Costs must be at least 0, and
     a pair must be listed once. A tracklet may get one partner before and one after it.
     """
-    rows, row = np.unique(pairs.earlier, return_inverse=True)
-    columns, column = np.unique(pairs.later, return_inverse=True)
-    cost = np.full((len(rows), len(columns)), np.inf)
-    cost[row, column] = pairs.cost
+    order = np.lexsort((pairs.later, pairs.earlier))
+    earlier, later, cost = pairs.earlier[order], pairs.later[order], pairs.cost[order]
     # A tracklet without partner costs more than all pairs together, so no pair is given up.
-    alone = 1.0 + pairs.cost.max(initial=0.0) * min(cost.shape)
-    return np.flatnonzero(assign(cost, np.full(len(rows), alone))[row] == column)
+    alone = 1.0 + cost.max(initial=0.0) * min(len(np.unique(earlier)), len(np.unique(later)))
+    taken = assign(earlier, later, cost, np.full(earlier.max(initial=-1) + 1, alone))
+    return np.sort(order[taken])
 
 
 @dataclass(frozen=True)
