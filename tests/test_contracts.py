@@ -13,7 +13,6 @@ import pytest
 import kilnflight
 from kilnflight import background
 from kilnflight.association import GNN, JPDA, PDA, NearestNeighbor, joint_probabilities
-from kilnflight.camera import calibrate_depth
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG, MorphologicalClustering, Otsu, QuasiClusterCenters
 from kilnflight.detection.combination import Combination
@@ -255,16 +254,6 @@ def test_a_track_is_regressed(exit_point):
     assert regress(gaps, exit_point, 100.0).t0 == fit.t0
     clocked = table.assign(time_s=table["frame"] / 100.0).drop(columns="frame")
     assert regress(clocked, exit_point).t0 == fit.t0
-
-
-def test_depth_keeps_its_shape():
-    depths = [4053.1, 10071.8]
-    for kind in (list, np.array, np.float32):
-        np.testing.assert_allclose(calibrate_depth(kind(depths)), [4000, 10000], atol=0.5)
-    assert calibrate_depth(np.full((2, 3), 5000.0)).shape == (2, 3)
-    assert np.ndim(calibrate_depth(5000.0)) == 0
-    assert calibrate_depth(5000).dtype == np.float64
-    assert calibrate_depth([]).shape == (0,)
 
 
 # Bad input
