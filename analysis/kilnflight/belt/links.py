@@ -86,8 +86,9 @@ def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
     """
     none, parts = np.zeros(2), [np.empty((0, 2))]
     for before, after in pairs:
-        near = KDTree(before).sparse_distance_matrix(KDTree(after), reach, output_type="ndarray")
-        parts.append(after[near["j"]] - before[near["i"]])
+        few = before[:: 1 + len(before) * len(after) // 2_000_000]  # bounds memory
+        near = KDTree(few).sparse_distance_matrix(KDTree(after), reach, output_type="ndarray")
+        parts.append(after[near["j"]] - few[near["i"]])
     steps = np.concatenate(parts)
     if not len(steps):
         return none
@@ -95,12 +96,10 @@ def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
     crowd = some[tree.query_ball_point(some, NEAR_PX, return_length=True).argmax()]
     flow = np.median(steps[tree.query_ball_point(crowd, NEAR_PX)], axis=0)
     apart = [
-        np.median(
-            np.concatenate([KDTree(after).query(before + step)[0] for before, after in pairs])
-        )
+        np.concatenate([KDTree(after).query(before + step)[0] for before, after in pairs])
         for step in (none, flow)
     ]
-    return np.asarray(flow) if apart[1] < 0.5 * apart[0] else none
+    return np.asarray(flow) if np.median(apart[1]) < 0.5 * np.median(apart[0]) else none
 
 
 def _linked(before: Array, after: Array, flow: Array, limit: float) -> tuple[Integers, Integers]:
