@@ -35,6 +35,7 @@ from kilnflight.checks import InputError, check_columns
 from kilnflight.tables import TO_TRACK
 
 PLACE = ["row", "col"]
+FRAME_PLACE = ["frame", *PLACE]
 PACKAGES = ("laptrack", "stonesoup", "trackpy")
 
 
@@ -57,7 +58,7 @@ class _ExternalTracker(ABC):
         InputError
             If the package is not installed, or the table has no whole frames and finite places.
         """
-        check_columns(detections, TO_TRACK.names, TO_TRACK.name)
+        check_columns(detections, FRAME_PLACE, TO_TRACK.name)
         if self.package not in available():
             raise InputError(f"{self.package} is not installed: pip install kilnflight[peer]")
         with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
@@ -68,7 +69,8 @@ class _ExternalTracker(ABC):
         if "particle" in detections.columns:
             rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
         if len(rows):
-            table = TO_TRACK.check(detections.iloc[rows][TO_TRACK.names])
+            known = TO_TRACK.check(detections.iloc[rows][FRAME_PLACE].assign(z=1.0))
+            table = known[FRAME_PLACE]
             order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
             labels = self._link(table.iloc[order].reset_index(drop=True))
             particle[rows[order]] = pd.factorize(np.asarray(labels))[0]
