@@ -58,7 +58,10 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
         if array.dtype == object:  # numbers with gaps, or texts
             from pandas import isna
 
-            array = np.array(np.where(isna(array), np.nan, array).tolist())
+            cells = np.where(isna(array), np.nan, array)
+            if any(isinstance(cell, bool | np.bool | list | np.ndarray) for cell in cells.flat):
+                raise TypeError("a cell holds a truth value or a list")
+            array = np.array(cells.tolist())
         # numpy would make numbers of dates and of texts, and forget a mask
         if array.dtype.kind not in "iuf" or np.ma.isMaskedArray(values):
             masked = ", masked: fill it or leave out what is hidden" * np.ma.isMaskedArray(values)
@@ -91,12 +94,9 @@ def check_finite(
 
 def check_whole(values: Any, where: str) -> Whole:
     """Return a column of whole numbers as int64, also where floats hold them."""
-    if values.dtype == np.int64 or not len(values):  # without rows it has no type to speak of
-        return values.to_numpy(np.int64)
     numbers = check_finite(values, where)
     wrong = (numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE)
-    if wrong.any():
-        row = int(wrong.argmax())
+    for row in np.flatnonzero(wrong)[:1]:
         raise InputError(f"{where}: {numbers[row]} in row {values.index[row]} is no whole number.")
     return numbers.astype(np.int64)
 
