@@ -51,6 +51,8 @@ class Workers:
 
     def __post_init__(self) -> None:
         check_number(self.jobs, "workers: jobs", least=1, whole=True)
+        if self.scheduler is not None and ":" not in self.scheduler:
+            raise InputError(f"scheduler {self.scheduler!r}: give host:port or tcp://host:port.")
 
     def __call__(
         self, make: Make, pieces: Sequence[Any], frames: Sequence[int], label: str, before: int = 0

@@ -24,8 +24,7 @@ def root() -> Path:
         if (folder / "data" / "reference" / "claims.csv").is_file():
             return folder
     raise InputError(
-        f"no kilnflight project at {named or here} (a folder with data/reference/claims.csv). "
-        "Work inside a clone of the repository, or name it in KILNFLIGHT_ROOT."
+        f"{named or here}: no clone of kilnflight: work in one or set KILNFLIGHT_ROOT."
     )
 
 

@@ -77,8 +77,9 @@ class StoredRecording:
         """Return frame ``t`` of an array, of a point array its first ``n`` points."""
         array, folder = self.arrays[name], self.path / name / "c" / str(t)
         try:
-            for k in range(1 if n is None else -(-n // array.chunks[1])):
-                (folder / str(k) / "0").stat()  # of a chunk that is missing zarr makes zeros
+            count = 1 if n is None else -(-n // array.chunks[1])
+            if not all((folder / str(k) / "0").is_file() for k in range(count)):
+                raise OSError("a chunk is missing")  # zarr would make zeros of it
             return np.asarray(array[t, :n])
         except (RuntimeError, ValueError, OSError) as error:  # of codecs, too, on broken bytes
             raise InputError(f"{self.path}, frame {t}: its {name} is lost or damaged.") from error
@@ -153,12 +154,11 @@ def write_recording(
     InputError
         If the target exists, or the numbers or times of the frames do not grow.
     """
-    path, where = Path(path), f"recording {recording.attributes.name}"
-    frames = range(len(recording)) if frames is None else frames
+    path, frames = Path(path), range(len(recording)) if frames is None else frames
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_name(f".{path.name}.lock")):  # another process waits
         if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
-            raise InputError(f"{path}: exists already, or {where} has no such frames.")
+            raise InputError(f"{path}: exists already, or the recording has no such frames.")
         make_whole(path, partial(_write, recording, frames, truth or {}))
     return open_recording(path)
 

@@ -191,8 +191,8 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
             f"with variants behind @, such as V1@low-camera+small: {', '.join(SCENARIOS)}."
         )
     number = seed or 0
-    if number < 0:
-        raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
+    if not 0 <= number < 2**63:
+        raise InputError(f"scene {name}: seed is {number}, expected 0 to 2^63.")
     run = campaigns.get(plain)
     scene = campaign(*run, number) if run else ground_truth(plain, number)
     for scenario in scenarios:
