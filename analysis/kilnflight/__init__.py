@@ -47,9 +47,9 @@ __version__ = "0.2.0"
 NAMES = {"open": "open_any", "track": "track_detections"}  # in `kilnflight.run`
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(200_000_000))  # else 2^30
-own = Path(tempfile.gettempdir(), f"kilnflight-{os.getuid()}")
 if not any(os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HOME", "/"))):
     # Compiled code has no other place. It is taken only from a folder that is this user's own.
+    own = Path(tempfile.gettempdir(), f"kilnflight-{os.getuid()}")
     own.mkdir(mode=0o700, exist_ok=True)
     os.environ.setdefault("NUMBA_CACHE_DIR", f"{own}" * (own.lstat().st_uid == os.getuid()))
 

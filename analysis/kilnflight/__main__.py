@@ -66,8 +66,10 @@ def _preview(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.project.cache import write_whole
 
-    (target := options.to or Path("preview.png")).parent.mkdir(parents=True, exist_ok=True)
-    write_whole(target, run.png(run.preview(_opened(options), **_settings(options))))
+    recording, target = _opened(options), options.to or Path("preview.png")
+    run.check_apart(target, options.recording, recording)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, run.png(run.preview(recording, **_settings(options))))
     print(f"three frames with the detections of three thresholds: {target}")
 
 
@@ -94,8 +96,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
-_NUMBER, _WHOLE = {"type": float}, {"type": int}
-_SWITCH, _BOTH = {"action": "store_true"}, {"action": argparse.BooleanOptionalAction}
+_NUMBER, _WHOLE, _SWITCH = {"type": float}, {"type": int}, {"action": "store_true"}
 ARGUMENTS: dict[str, Any] = {
     "recording": {"metavar": "PATH", "help": "film, stack, folder, pattern, array, manifest, Zarr"},
     "--channel": {"metavar": "COLOUR", "help": "red, green or blue (default: what varies most)"},
@@ -110,7 +111,7 @@ ARGUMENTS: dict[str, Any] = {
     "--frames": _WHOLE | {"nargs": 2, "metavar": ("A", "B"), "help": "A to B, B left out"},
     "--max-step": _NUMBER | {"metavar": "PX", "help": "longest step in a frame"},
     "--memory": _WHOLE | {"metavar": "N", "help": "frames that a track may miss (default: 5)"},
-    "--post-processing": _BOTH | {"help": "join and filter tracks (default: with depth and lance)"},
+    "--post-processing": {"action": argparse.BooleanOptionalAction, "help": "join, filter tracks"},
     "--in-air": _NUMBER | {"metavar": "MM", "dest": "in_air_mm", "help": "from the kiln's axis"},
     "--jobs": _WHOLE | {"default": 1, "help": "processes side by side (default: 1)"},
     "--scheduler": {"metavar": "ADDRESS", "help": "Dask cluster that detects in their place"},

@@ -153,7 +153,7 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
         return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
     except (TypeError, KeyError, AttributeError):
         known = f"{', '.join(_BY_NAME)}, pairs, or breakpoints_mm with coefficients"
-        raise InputError(f"depth_calibration: {stated!r} is none of {known}.") from None
+        raise InputError(f"depth_calibration: {stated!r} is not {known}.") from None
 
 
 def calibrate_depth(z: npt.ArrayLike) -> Array:

@@ -31,8 +31,8 @@ class InputError(ValueError):
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless ``table`` has all ``columns``."""
-    if not hasattr(table, "columns"):
-        raise InputError(f"{where}: {type(table).__name__} is no table; pass a pandas DataFrame.")
+    if getattr(getattr(table, "columns", None), "nlevels", 0) != 1:
+        raise InputError(f"{where}: {type(table).__name__}; pass a DataFrame with flat columns.")
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(map(str, table.columns)) or "none"
         raise InputError(
@@ -59,8 +59,8 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
             from pandas import isna
 
             cells = np.where(isna(array), np.nan, array)
-            if any(isinstance(cell, bool | np.bool | list | np.ndarray) for cell in cells.flat):
-                raise TypeError("a cell holds a truth value or a list")
+            if any(isinstance(cell, bool) or not isinstance(cell, Real) for cell in cells.flat):
+                raise TypeError("a cell holds text, a truth value or a list")
             array = np.array(cells.tolist())
         # numpy would make numbers of dates and of texts, and forget a mask
         if array.dtype.kind not in "iuf" or np.ma.isMaskedArray(values):
@@ -81,7 +81,7 @@ def check_finite(
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
     if shape is not None:
-        array = array.reshape(0, *shape[1:]) if array.shape == (0,) else array
+        array = array.reshape([n or 0 for n in shape]) if array.shape == (0,) else array
         check_shape(array, shape, where)
     finite = np.isfinite(array)
     if not finite.all():  # searched only then: it takes eight times as long
@@ -110,16 +110,16 @@ def check_number(
     above: float = -math.inf,
     below: float = math.inf,
     whole: bool = False,
-) -> None:
-    """Raise an `InputError` unless ``value`` is a finite number within these limits.
+) -> Any:
+    """Return ``value`` as a number of Python, or raise an `InputError`: not finite, or outside.
 
     ``least`` and ``most`` are allowed, ``above`` and ``below`` are not.
     """
     value = value.item() if isinstance(value, np.generic) else value  # told as 5, not np.int64(5)
-    real = isinstance(value, Real) and not isinstance(value, bool)
-    fits = real and least <= value <= most and above < value < below
+    fits = type(value) in (int, float) and least <= value <= most and above < value < below
     if not fits or abs(value) > sys.float_info.max or (whole and value % 1 != 0):
         limits = {"at least": least, "at most": most, "above": above, "below": below}
         rules = [f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit)]
         rule = ", ".join(["a whole number" if whole else "a number", *rules])
         raise InputError(f"{where}: must be {rule}, got {value!r}.")
+    return int(value) if whole else value

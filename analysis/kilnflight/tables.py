@@ -59,7 +59,7 @@ class Table:
             below its limit. With ``once`` also if two rows are the same or a frame is below 0.
         """
         check_columns(table, self.names, where := where or self.name)
-        table = table[self.names].copy()
+        table = table[self.names].set_axis(table.index.set_names([None] * table.index.nlevels))
         for column in self.columns:
             values, place = table[column.name], f"{where}: column {column.name}"
             if column.kind in (int, float):

@@ -169,6 +169,7 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
     InputError
         If fewer than 20 pairs make the peak, or a second peak is half as high.
     """
+    measured = MEASURED.check(measured, once=True)
     steps, first = _steps(measured)
     counts, edges = np.histogram(steps, np.arange(LEAST_PX, MOST_PX + BIN_PX, BIN_PX))
     peaks = np.convolve(counts, np.ones(3), mode="same")
@@ -197,7 +198,7 @@ def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
     the belt (y) and `LEAST_PX` to `MOST_PX` ahead (x). Most pairs are one particle seen twice, so
     the displacements show the belt's velocity. ``measured`` has frame, x and y in px.
     """
-    places = MEASURED.check(measured, once=True).reset_index(drop=True)
+    places = measured.reset_index(drop=True)
     after = places.assign(frame=places["frame"] - 1)
     pairs = places.reset_index().merge(after, on="frame", suffixes=("", "_after"))
     along, across = pairs["x_after"] - pairs["x"], pairs["y_after"] - pairs["y"]

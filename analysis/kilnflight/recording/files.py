@@ -104,8 +104,8 @@ DEFAULTS = {"form": "grid", "invalid": "nan", "unit": "mm", "origin": 0, "classe
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what is raised here
 
 
-Part = Mapping[str, Any]  # one table of a manifest
-Parts = Mapping[str, tuple[Part, dict[int, Path]]]  # with the files by number of the frame
+# Tables of a manifest by name, each with its files by number of the frame
+Parts = Mapping[str, tuple[Mapping[str, Any], dict[int, Path]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +165,12 @@ class FileRecording:
         time_s = (self.index[t] - self.index[0]) / self.attributes.frame_rate_hz
         return check_frame(Frame(self.index[t], time_s, gray, **more), self.attributes)
 
+    @property
+    def files(self) -> list[Path]:
+        """The files of single frames, and a film."""
+        parts = [path for _, found in self.parts.values() for path in found.values()]
+        return [*getattr(self.images, "files", ()), *parts]
+
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and the files' names, sizes and times.
 
@@ -173,8 +179,7 @@ class FileRecording:
         digest = hashlib.sha256(repr((self, list(self.numbers))).encode())
         for t in range(0 if hasattr(self.images, "files") else len(self)):
             digest.update(self.gray(t).tobytes())
-        files = [path for _, found in self.parts.values() for path in found.values()]
-        for path in [*getattr(self.images, "files", ()), *files]:
+        for path in self.files:
             digest.update(repr((path.name, path.stat().st_size, path.stat().st_mtime_ns)).encode())
         return digest.hexdigest()[:12]
 
@@ -213,10 +218,9 @@ def open_any(
         path, manifest = Path(source), Path(source).suffix.lower() == ".toml"
         is_there = path.exists() or re.search(r"[*?{\[]", str(path))
         if manifest or not is_there or (path / "zarr.json").is_file():
-            recording = _manifest(path) if manifest else open_recording(path)
             if channel is not None or frame_rate_hz is not None:
                 raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
-            return recording
+            return _manifest(path) if manifest else open_recording(path)
         name = (path if path.exists() else path.parent).resolve().stem  # of a pattern: the folder
         images, numbers = _images(DEFAULTS | {"pattern": str(path)}, Path())
     elif indexed and not hasattr(source, "keys") and getattr(source, "shape", True):
@@ -279,7 +283,7 @@ def _ends(image: Anything) -> tuple[float, float, bool]:
     return low, high, low >= 0 and high <= WHITE and not (image % 1).any()
 
 
-def _images(part: Part, folder: Path) -> tuple[Any, Sequence[int]]:
+def _images(part: Mapping[str, Any], folder: Path) -> tuple[Any, Sequence[int]]:
     """Return the pictures of a file, folder or pattern, and the frames' numbers."""
     path, ending = folder / part["pattern"], Path(part["pattern"]).suffix.lower()
     if not path.is_file():
@@ -307,7 +311,7 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
     return dict(sorted(files.items()))
 
 
-def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
+def _points(part: Mapping[str, Any], path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return pixels and positions in one file, without pixels that have no depth."""
     array, grid = real_numbers(read_array(path, part.get("key")), str(path)), part["form"] == "grid"
     check_shape(array, (*size, 3) if grid else (None, 5), str(path))
@@ -323,7 +327,7 @@ def _points(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything
     return {"pixels": pixels.astype(np.int32), "xyz": positions}
 
 
-def _labels(part: Part, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
+def _labels(part: Mapping[str, Any], path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
     """Return the classes of Table 5.1 in one file."""
     check_shape(image := read_array(path, part.get("key")), size, str(path))
     labels = pd.Series(image.ravel()).map({int(k): ours for k, ours in part["classes"].items()})
@@ -474,7 +478,7 @@ def _tiff(path: Path) -> Anything:
         tif.filehandle.seek(tif.pages.next_page_offset or 0)
         if empty or tif.filehandle.read(4) != bytes(4):
             raise ValueError("it ends within its pages")
-        series, page, count = tif.series[0], tif.pages[0], len(tif.pages)
+        series, page, count = tif.series[0], tif.pages.first, len(tif.pages)
         _check_size(page.shape[:2])
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
@@ -482,7 +486,8 @@ def _tiff(path: Path) -> Anything:
             images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
     if images.dtype.newbyteorder("=") != page.dtype or images.size < page.size * count:
         raise ValueError(f"its compression of {page.dtype} is not known, or it is damaged")
-    if {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1} - set("TIQYXS"):
-        remedy = "Save one plane or channel, or call the axis T (ImageJ: Image > Properties)"
-        raise InputError(f"of the axes {series.axes} only time (T) is read. {remedy}.")
+    axes = {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1}
+    if axes - set("TIQYXS") or page.photometric in (0, 3):  # white is 0, or a palette
+        remedy = "Save grey values of one plane, black as 0; time is T (ImageJ: Image > Properties)"
+        raise InputError(f"axes {series.axes}, colours {page.photometric!r}. {remedy}.")
     return images.reshape(-1, *page.shape)

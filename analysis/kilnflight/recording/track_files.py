@@ -49,9 +49,7 @@ def read_csv(path: Path) -> pd.DataFrame:
     rows = csv.reader(io.StringIO(text), skipinitialspace=True)
     names, widths = next(rows, []), {len(row) for row in rows if row}
     if widths - {len(names)} or len({*names}) < len(names) or not text.endswith("\n"):
-        raise InputError(
-            "a line has more or fewer cells, a name is there twice, or the end is cut."
-        )
+        raise InputError("a line has other cells than names, a name is twice, or the end is cut.")
     return pd.read_csv(io.StringIO(text), skipinitialspace=True)
 
 

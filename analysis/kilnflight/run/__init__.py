@@ -94,12 +94,11 @@ def track_detections(
         warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
     deep = "z" in table and bool(table["z"].notna().any())
-    post_processing = deep if post_processing is None else post_processing
-    own = max_step is not None or not post_processing
-    motion = motion_of(table, max_step) if own else ConstantVelocity()
+    joined = deep if post_processing is None else post_processing
+    motion = ConstantVelocity() if joined and max_step is None else motion_of(table, max_step)
     patience = Management(invisible=memory)
     tracks = tracking.track(table, associator, motion, management=patience, progress=progress)
-    return postprocess(tracks) if post_processing else tracks
+    return postprocess(tracks) if joined else tracks
 
 
 def run_recording(
@@ -125,14 +124,10 @@ def run_recording(
     InputError
         If the recording cannot be used, or a file cannot be written, as on a full disk.
     """
-    given, recording = Options(**options), open_any(source)
-    given.check(recording)
+    (given := Options(**options)).check(recording := open_any(source))
     target = Path(target or f"{recording.attributes.name}-run")
-    files = getattr(getattr(recording, "images", None), "files", [target / "parts" / "none"])
-    if target.resolve().is_relative_to(getattr(recording, "path", files[0].parent).resolve()):
-        raise InputError(f"{target}: lies in the recording. Give another folder to write to.")
-    parts = target / "parts"
-    stored = recording if isinstance(recording, StoredRecording) else _stored(recording, parts)
+    check_apart(target, source, recording)
+    stored = recording if isinstance(recording, StoredRecording) else _stored(recording, target)
     kiln_run, rows = prepare(stored, target, given)
     kiln.make_tables([kiln_run], workers, ())
     if not kiln_run.post_processing or given.max_step:
@@ -159,9 +154,17 @@ class _Room(ModuleType):
 sys.modules[__name__].__class__ = _Room
 
 
-def _stored(recording: FileRecording, folder: Path) -> StoredRecording:
-    """Return the recording, or its Zarr copy in a folder: films cannot be read at random."""
-    folder.mkdir(parents=True, exist_ok=True)
+def check_apart(target: Path, source: Any, recording: FileRecording | StoredRecording) -> None:
+    """Raise an `InputError` if a target is the recording, or lies in it."""
+    path = source if isinstance(source, str | Path) else getattr(recording, "path", target / "none")
+    own = {Path(each).resolve() for each in (path, *getattr(recording, "files", ()))}
+    if own & {place := target.resolve(), *place.parents} or place.match(f"{Path(path).absolute()}"):
+        raise InputError(f"{target}: lies in the recording. Name another place to write to.")
+
+
+def _stored(recording: FileRecording, target: Path) -> StoredRecording:
+    """Return the Zarr copy of a recording, made if it is not there: films are read in order."""
+    (folder := target / "parts").mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
     try:
         with locked(folder):
@@ -169,7 +172,7 @@ def _stored(recording: FileRecording, folder: Path) -> StoredRecording:
     finally:  # of a film that cannot be read nothing is left
         with suppress(OSError):
             folder.rmdir()
-            folder.parent.rmdir()
+            target.rmdir()
 
 
 def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:

@@ -300,8 +300,8 @@ def _doubts(seen: Recording, looks: Sequence[Single], spots: Sequence[Array]) ->
 
     In a short film slow particles look like a ground that shakes.
     """
-    # above 0.5 px edges of a textured ground stand out
-    if len(seen) >= 3 * FEW_FRAMES and (shake := shaken_px(seen)) > 0.5:
+    # known from 15 frames and px; above 0.5 px edges of a textured ground stand out
+    if min(len(seen), *seen.attributes.size) >= 15 and (shake := shaken_px(seen)) > 0.5:
         yield SHAKEN.format(shake)
     find = Otsu(area_threshold(seen))
     areas = [find(_middle(each, 2)) for each in looks]

@@ -63,7 +63,7 @@ def doubts(tables: Tables) -> Iterator[str]:
     flights = tables["flights"]
     from_lance = flights[flights["from_lance"]]
     if len(flights) and from_lance.empty:
-        yield f"None starts at the lance but {flights['start_mm'].median():.0f} mm off. {LANCE}"
+        yield f"No flight starts at the lance: {flights['start_mm'].median():.0f} mm off. {LANCE}"
     refused = len(from_lance) - len(kept(from_lance))
     if 2 * refused > len(from_lance):
         yield f"{refused} of {len(from_lance)} flights are refused, no particle flies so. {LANCE}"
