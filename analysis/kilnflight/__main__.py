@@ -27,18 +27,19 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _opened(options: argparse.Namespace) -> Any:
-    from kilnflight.recording.files import open_any
+    from kilnflight.run import check_apart, open_any
 
     if not any(Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent)).rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
-    return open_any(options.recording, channel=options.channel)
+    recording = open_any(options.recording, channel=options.channel)
+    check_apart(getattr(options, "to", None) or Path(os.devnull), options.recording, recording)
+    return recording
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
     from kilnflight.run import Options
 
-    given = {name: getattr(options, name, None) for name in Options.__dataclass_fields__}
-    return {name: value for name, value in given.items() if value is not None}
+    return {k: v for k, v in vars(options).items() if hasattr(Options, k) and v is not None}
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -66,10 +67,9 @@ def _preview(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.project.cache import write_whole
 
-    recording, target = _opened(options), options.to or Path("preview.png")
-    run.check_apart(target, options.recording, recording)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(target, run.png(run.preview(recording, **_settings(options))))
+    picture = run.png(run.preview(_opened(options), **_settings(options)))
+    (target := options.to or Path("preview.png")).parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, picture)
     print(f"three frames with the detections of three thresholds: {target}")
 
 

@@ -31,7 +31,7 @@ class InputError(ValueError):
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless ``table`` has all ``columns``."""
-    if getattr(getattr(table, "columns", None), "nlevels", 0) != 1:
+    if not hasattr(held := getattr(table, "columns", None), "nlevels") or hasattr(held, "levels"):
         raise InputError(f"{where}: {type(table).__name__}; pass a DataFrame with flat columns.")
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(map(str, table.columns)) or "none"

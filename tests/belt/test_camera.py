@@ -6,7 +6,9 @@ import pytest
 
 from kilnflight.belt.camera import (
     BELT,
+    Area,
     calibrate_camera,
+    check_picture,
     find_corners,
 )
 from kilnflight.checks import InputError
@@ -75,3 +77,13 @@ def covered(rows, cols):
 def test_a_picture_without_a_whole_belt_is_refused(picture):
     with pytest.raises(InputError, match="picture"):
         find_corners(picture)
+
+
+def test_a_belt_that_runs_downwards_and_no_area_are_refused():
+    turned = np.ascontiguousarray(np.rot90(PICTURE))
+    with pytest.raises(InputError, match="belt"):
+        calibrate_camera(find_corners(turned))
+    with pytest.raises(InputError, match="end_mm"):
+        Area(start_mm=10.0, end_mm=5.0)
+    with pytest.raises(InputError, match="frame 3"):
+        check_picture(PICTURE, "frame 3", (2, 2))

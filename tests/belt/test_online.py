@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.camera import BELT, Calibration
-from kilnflight.belt.models import CV, CVBC, LateralCV
+from kilnflight.belt.models import CV, CVBC, IA, LateralCV
 from kilnflight.belt.online import ValveSchedule, predict_arrivals, sort_pictures
 from kilnflight.belt.phase import last_states
 from kilnflight.belt.pictures import MeasureSpots, Spots
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker
 from kilnflight.belt.valves import ValveBar
+from kilnflight.checks import InputError
 from kilnflight.tables import VALVE_EVENTS
 
 # One pixel per mm; the belt's first corner is pixel (10, 10).
@@ -147,3 +148,18 @@ def test_predictions_known_too_late_open_late_or_never():
     due = schedule.step(0.12, 0.3, arrivals((0.124, 5)))
     assert (schedule.late, schedule.never) == (2, 1)
     np.testing.assert_allclose(due, [[0, 0.126, 0.129], [2, 0.195, 0.205]])
+
+
+@pytest.mark.parametrize(
+    ("numbered", "more", "match"),
+    [
+        ([(3, BACKGROUND), (3, BACKGROUND)], {}, "pictures"),
+        ([(0.5, BACKGROUND)], {}, "pictures"),
+        ([(7, BACKGROUND[1:])], {}, "frame 7"),
+        ([], {"target_mm": 600.0}, "target_mm"),
+        (enumerate(PICTURES), {"models": (IA(), LateralCV())}, "IA is not calibrated"),
+    ],
+)
+def test_unusable_pictures_and_parts_are_refused_by_name(numbered, more, match):
+    with pytest.raises(InputError, match=match):
+        run(numbered, **more)

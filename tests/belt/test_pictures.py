@@ -95,3 +95,14 @@ def test_places_are_millimetres_and_outside_is_left_out():
     np.testing.assert_allclose(table[["x", "y"]].iloc[2], [388 + 70, 45])
     narrow = replace(MEASURE, area=replace(BELT, end_mm=428.0))
     assert narrow.table(pictures)["frame"].tolist() == [0, 2]
+
+
+@pytest.mark.parametrize("wrong", [None, [[1, 2]], EMPTY[1:], EMPTY.astype(float)])
+def test_pictures_that_do_not_fit_are_refused(wrong):
+    with pytest.raises(InputError, match="picture"):
+        Spots()(wrong, EMPTY)
+    with pytest.raises(InputError, match="frame 1"):
+        MEASURE.table([EMPTY, wrong])
+    matrix = HALF.matrix - 5000 * np.eye(3)[0][:, None] * np.eye(3)[2]
+    with pytest.raises(InputError, match="picture"):  # the calibration of another camera
+        replace(MEASURE, calibration=HALF._replace(matrix=matrix))(EMPTY)

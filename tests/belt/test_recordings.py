@@ -163,3 +163,30 @@ def test_links_of_the_tracker_are_those_of_the_authors():
     assert shares["recall_percent"] == pytest.approx(100 / 3)
     assert (shares["links_authors"], shares["links_tracker"]) == (3, 2)
     assert shares["agreed_percent"] == 50.0
+
+
+BAD = ("0,1,2\n", "0.4,nan\n0.5,0.1\n", "0.4,0.1\n0.4,abc\n", "0.4,inf\n0.5,0.1\n", "")
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_a_bad_table_and_a_torn_file_are_refused(tmp_path, text):
+    path = as_zip(tmp_path, text)
+    for content in (path.read_bytes(), path.read_bytes()[:60]):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"tracks\.zip"):
+            read_dem(path)
+
+
+@pytest.mark.parametrize("numbers", [(0, 1, 1), (0, "NaN", 2), (0, 0.5, 1), (-1, 0, 1)])
+def test_frames_that_do_not_ascend_and_damaged_files_are_refused(path, numbers):
+    write(path, MIDPOINTS + "3,1,5,10,NaN,NaN\n4,1,5,95,NaN,NaN\n9,1,5,500,NaN,NaN\n")
+    assert read_recording(path)["frame"].tolist() == [3, 4, 9]
+    write(path, MIDPOINTS + "".join(f"{number},1,5,10,NaN,NaN\n" for number in numbers))
+    with pytest.raises(InputError, match="FrameNr"):
+        read_recording(path)
+    write(path, MIDPOINTS.replace(",MidPoint_2_y", "") + "0,1,5,10,50\n")
+    with pytest.raises(InputError, match=r"001\.csv"):
+        read_recording(path)
+    path.write_bytes(b"no gzip")
+    with pytest.raises(InputError, match=r"001\.csv"):
+        read_recording(path)

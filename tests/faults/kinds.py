@@ -29,6 +29,12 @@ WRONG = {
     "complex": lambda values, rng: values + 1j,
     "dates": lambda values, rng: np.full(np.shape(values), DATE),
     "truths": lambda values, rng: values > np.mean(values),
+    **{
+        f"objects with {what}": lambda values, rng, what=what: spot(
+            values.astype(object), rng, what
+        )
+        for what in (True, (), frozenset(), DATE)
+    },
 }
 CELLS = tuple(WRONG)
 WRONG |= {
@@ -72,11 +78,13 @@ WRONG_WHOLE = {
     "a fraction": lambda table, name, rng: other(table, name, rng, lambda value: value + 0.5),
     "below": lambda table, name, rng: other(table, name, rng, lambda value: -2),
     "beyond": lambda table, name, rng: other(table, name, rng, lambda value: 1e300),
+    "far below": lambda table, name, rng: other(table, name, rng, lambda value: -(2.0**63)),
 }
 WRONG_TABLES = {
     "a row twice": lambda t, rng: pd.concat([t, t.iloc[[rng.integers(len(t))]]]),
     "no table": lambda table, rng: table.to_numpy(),
     "nothing": lambda table, rng: None,
+    "levels": lambda t, rng: t.set_axis(pd.MultiIndex.from_product([t.columns]), axis=1),
     "a path": lambda table, rng: "tracks.csv",
 }
 OTHER_TABLES = {

@@ -67,7 +67,7 @@ LIT, FIT = 500.0 + (np.arange(40) > 20) * 900.0, regress(FLOWN, EXIT, 100.0)
 FITTED = regress_all(FLOWN, EXIT, 100.0)
 FILE = TRACKS.assign(gray=500.0)[["frame", "particle", "row", "col", "gray", *"xyz"]]
 GAPS = "x:nan y:nan z:nan"
-DEPTH = f"z:missing points:nan points:missing points:below points:a+fraction points:beyond {GAPS}"
+DEPTH = f"z:missing points:nan points:missing points:below points:far+below points:a+fraction points:beyond {GAPS}"
 
 # call, arguments, faults that change nothing or are documented
 STEPS_AND_INPUT = {

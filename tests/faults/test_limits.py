@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import tifffile
-from tests.recording.test_files import FILM
+from tests.recording.test_files import FILM, KINDS
 
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
 from kilnflight.project.cache import write_whole
 from kilnflight.recording.files import open_any
-from kilnflight.recording.store import write_recording
+from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.recording.track_files import csv_of
 
 BLACK = b"\x1b[30m"  # what a name must not do to a terminal
@@ -98,6 +98,40 @@ def test_a_recording_that_was_edited_or_mixed_is_told(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["info", str(one.path)])
     assert "changed" in capsys.readouterr().err
+
+
+def test_numbers_that_mean_other_pixels_are_refused(tmp_path):
+    made = write_recording(open_any(FILM, frame_rate_hz=np.float64(50.0)), tmp_path / "a.zarr")
+    kept = (about := made.path / "gray" / "zarr.json").read_text()
+    about.write_text(kept.replace('"little"', '"big"'))
+    assert about.read_text() != kept
+    with pytest.raises(InputError, match=r"a\.zarr"):
+        open_recording(made.path).content()
+    tifffile.imwrite(path := tmp_path / "a.tif", FILM, photometric="miniswhite")
+    with pytest.raises(InputError, match=r"a\.tif"):
+        open_any(path)
+
+
+def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    KINDS["film.avi"][0](film := Path("film.avi"))
+    main(["run", "film.avi", "--to", "out"])
+    assert Path("out", "tracks.csv").is_file()
+    content = film.read_bytes()
+    Path("frames").mkdir()
+    tifffile.imwrite("frames/a_1.tif", FILM[0])
+    for command, target in {
+        "preview film.avi": "film.avi",
+        "preview frames": "frames/a_1.tif",
+        "run frames": "frames",
+        "import frames": "frames/a.zarr",
+        "preview no.avi": "new/a.png",
+    }.items():
+        with pytest.raises(SystemExit, match="2"):
+            main([*command.split(), "--to", target])
+    assert film.read_bytes() == content
+    assert [path.name for path in Path("frames").iterdir()] == ["a_1.tif"]
+    assert not Path("new").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

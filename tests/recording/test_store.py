@@ -1,5 +1,9 @@
 import json
+import os
 import pickle
+import signal
+import subprocess
+import sys
 import zipfile
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -7,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import zarr
 
 from kilnflight.checks import InputError
 from kilnflight.recording import store
@@ -100,3 +105,58 @@ def test_the_summary_counts_what_the_frames_hold(small):
         small.frame = lambda t, edit=edit: replace(original(t), **edit(original(t)))
         facts = summarise_recording(small)
         assert any(warning in text for text in facts.loc[facts["what"] == "warning", "value"])
+
+
+def test_a_killed_process_leaves_nothing_that_opens(small, target, same_frame):
+    script = f"""
+import os, signal, sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from conftest import SmallRecording
+from kilnflight.recording.store import write_recording
+class Killed(SmallRecording):
+    def frame(self, t):
+        if t == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().frame(t)
+write_recording(Killed(), {str(target)!r})
+"""
+    process = subprocess.run([sys.executable, "-c", script], env=os.environ, check=False)
+    assert process.returncode == -signal.SIGKILL
+    with pytest.raises(InputError, match=r"small\.zarr"):
+        open_recording(target)
+    stored = write_recording(small, target)
+    for t in range(5):
+        same_frame(stored.frame(t), small.frame(t))
+
+
+@pytest.mark.parametrize("change", [{"time_s": 0.0}, {"index": 2}, {"gray": np.zeros((2, 3, 4))}])
+def test_a_wrong_frame_never_becomes_a_recording(small, target, change):
+    original = small.frame
+    small.frame = lambda t: replace(original(t), **change) if t == 3 else original(t)
+    with pytest.raises((InputError, ValueError)):
+        write_recording(small, target)
+    assert not list(target.parent.iterdir())
+
+
+@pytest.mark.parametrize("frames", [range(5, 6), range(-1, 2), range(3, 3)])
+def test_frames_that_are_not_there(small, target, frames):
+    with pytest.raises(InputError, match="small"):
+        write_recording(small, target, frames)
+    assert not list(target.parent.iterdir())
+
+
+@pytest.mark.parametrize("fault", ["none", "other", "rows", "unknown", "array", "json", "there"])
+def test_a_folder_without_a_whole_recording_is_refused(small, target, fault):
+    if fault != "none":
+        write_recording(small, target)
+        group = zarr.open_group(target, mode="w" if fault == "other" else "r+")
+        known = {"format": store.FORMAT, **asdict(small.attributes)}
+        known |= {"rows": "many"} if fault == "rows" else {"presure": 5}
+        if fault in ("rows", "unknown"):
+            group.attrs.put(known)
+    if fault == "array":
+        (target / "index" / "zarr.json").unlink()
+    elif fault == "json":
+        (target / "zarr.json").write_text("{")
+    with pytest.raises(InputError, match=r"small\.zarr"):
+        write_recording(small, target) if fault == "there" else open_recording(target)

@@ -159,7 +159,7 @@ def check_apart(target: Path, source: Any, recording: FileRecording | StoredReco
     path = source if isinstance(source, str | Path) else getattr(recording, "path", target / "none")
     own = {Path(each).resolve() for each in (path, *getattr(recording, "files", ()))}
     if own & {place := target.resolve(), *place.parents} or place.match(f"{Path(path).absolute()}"):
-        raise InputError(f"{target}: lies in the recording. Name another place to write to.")
+        raise InputError(f"{target}: is or lies in the recording. Name another place to write to.")
 
 
 def _stored(recording: FileRecording, target: Path) -> StoredRecording:
