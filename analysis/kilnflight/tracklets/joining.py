@@ -13,12 +13,13 @@ import numpy as np
 
 from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
-from kilnflight.tracklets.eliminate import Elimination, mean_speed, regularity
+from kilnflight.tracklets.eliminate import Elimination, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
-from kilnflight.tracklets.paths import Paths, PathStep, means, ranges, speeds_of, turns, velocities
+from kilnflight.tracklets.paths import Paths, PathStep, means, ranges, speeds, turns, velocities
 from kilnflight.tracklets.texture import level_edge
 
 _OUTLIERS, _FALSE = OutlierRemoval(), Elimination()  # Eqs 4.18 and 4.15, of the connected part
+_MORE = 1 + 1e-9  # for rounding
 
 
 class Candidates(NamedTuple):
@@ -117,8 +118,7 @@ class Joining(PathStep):
             if not len(chosen.earlier):
                 return paths.grouped(paths.names())
             paths = _merge(paths, chosen)
-            changed = np.zeros_like(changed)
-            changed[[chosen.earlier, chosen.later]] = True
+            changed = np.isin(np.arange(len(changed)), chosen[:2])
 
     def candidates(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the p pairs within the limits that hold a changed tracklet.
@@ -126,22 +126,22 @@ class Joining(PathStep):
         ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is Eq. 4.24
         without its last term, that of the streak.
         """
-        pairs = self._in_time(paths, changed)
-        overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
-        # Eq. 4.21
+        i, k, gap = pairs = self._in_time(paths, changed)
+        overlap = overlap_in_time(paths, i, k)
+        limit, most = paths.speeds(np.unique(pairs[:2]))[:, pairs[:2]].max(axis=1)
+        # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
-        possible = (pairs.cost > 0) | merged
+        step = paths.place[paths.starts[k], :2] - paths.place[paths.starts[i + 1] - 1, :2]
+        slow = np.hypot(*step.T) <= _MORE * (limit + self.jump) * np.maximum(gap, 1)
+        possible = np.where(gap > 0, slow, merged)
         (i, k, gap), overlap = _take(pairs, possible), _take(overlap, possible)
-        steps = paths.names(), paths.frame, paths.place, len(changed)
-        usual, most = speeds_of(*steps, "median"), speeds_of(*steps)
-        limit = np.maximum(usual[i], usual[k]) + self.jump
+        limit, most = limit[possible] + self.jump, most[possible]
         turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
-        limit = np.maximum(limit, np.maximum(most[i], most[k]))[allowed]
-        pairs = _take(Candidates(i, k, cost), allowed)
-        if np.isinf(self.jump):
-            return pairs
-        return _take(pairs, _joined_speed(paths, pairs) <= limit)  # where they overlap, too
+        both = np.flatnonzero(allowed & (gap <= 0))  # steps within an overlap, too
+        pair, speed = _joined_speeds(paths, i[both], k[both])
+        allowed[both[pair[speed > np.maximum(limit, most)[both[pair]]]]] = False
+        return _take(Candidates(i, k, cost), allowed)
 
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the pairs near enough in time that hold a changed tracklet (m,).
@@ -155,11 +155,17 @@ class Joining(PathStep):
         # Of two that start together the one that ends first is the earlier.
         swapped = (first[one] == first[other]) & (last[other] < last[one])
         i, k = np.where(swapped, other, one), np.where(swapped, one, other)
-        taken = changed[there[i]] | changed[there[k]]
-        if not self.nested:
-            taken &= last[k] > last[i]
+        taken = (changed[there[i]] | changed[there[k]]) & (self.nested | (last[k] > last[i]))
         i, k = i[taken], k[taken]
-        return Candidates(there[i], there[k], (first[k] - last[i]).astype(float))
+        # Of two that overlap, not with more common frames than Eq. 4.21 allows, as few are
+        # missing, and not without points near each other.
+        missing = last - first + 1 - np.diff(paths.starts)[there]
+        common = np.minimum(last[i], last[k]) - first[k] + 1 - missing[i] - missing[k]
+        low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])
+        high = np.maximum.reduceat(paths.place[:, :2], paths.starts[there])
+        apart = np.maximum(low[i] - high[k], low[k] - high[i]).max(axis=1)
+        near = (apart <= self.distance * _MORE) & (common < self.overlap) | (first[k] > last[i])
+        return _take(Candidates(there[i], there[k], (first[k] - last[i]).astype(float)), near)
 
     def _judge(self, names: Index, frame: Whole, place: Array, limit: Array) -> tuple[Array, Flags]:
         """Return the first three terms of Eq. 4.24 and which pairs are allowed, (p,) each.
@@ -176,8 +182,9 @@ class Joining(PathStep):
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > _OUTLIERS.angle_deg) & (change > _OUTLIERS.change)
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
-        allowed &= speeds_of(names, frame, place, count) <= limit
-        allowed &= mean_speed(names, frame, place) > _FALSE.speed
+        path, speed = speeds(names, frame, place)
+        allowed &= np.bincount(path, speed > limit[path], minlength=count) == 0
+        allowed &= means(path, speed, count) > _FALSE.speed
         allowed &= regularity(names, frame, place) > _FALSE.regularity
         deep = ~np.isnan(place[:, 2])
         within = np.diff(names[deep]) == 0
@@ -292,9 +299,7 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     return Overlap(common, distance, before, after)
 
 
-def connected_parts(
-    paths: Paths, i: Index, k: Index, overlap: Overlap
-) -> tuple[Index, Whole, Array]:
+def connected_parts(paths: Paths, i: Index, k: Index, overlap: Overlap) -> tuple[Any, Any, Any]:
     """Return the connected parts of p pairs of tracklets as q points (Fig. 4.10).
 
     A part has the last three points of the earlier tracklet i and the first three of the later one
@@ -310,9 +315,8 @@ def connected_parts(
     place : array (q, 3)
         Row and col in px, z in mm or NaN.
     """
-    point = np.stack(
-        [overlap.until - 3 + n for n in range(3)] + [overlap.since + n for n in range(3)]
-    )
+    three = np.arange(3)[:, None]
+    point = np.append(overlap.until - 3 + three, overlap.since + three, axis=0)
     there = np.concatenate([point[:3] >= paths.starts[i], point[3:] < paths.starts[k + 1]])
     point = np.where(there, point, 0)
     frame, place = paths.frame[point], paths.place[point, :3]
@@ -351,23 +355,20 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
     return Paths(rows, frame, place, np.searchsorted(names, np.arange(len(number) + 1)))
 
 
-def _joined_speed(paths: Paths, pairs: Candidates) -> Array:
-    """Return the largest speed (p,) in px/frame of each pair, if joined.
+def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
+    """Return the pair (q,) and the speed (q,) in px/frame of each step of p pairs, if joined.
 
-    The step over the gap or within the overlap counts. A limit on it keeps tracklets far apart from
-    being joined, which Eq. 4.18 alone does not (section 4.2.3).
+    ``i`` and ``k`` (p,) are the earlier and the later tracklets. A limit on the steps within the
+    overlap keeps tracklets far apart from being joined, which Eq. 4.18 alone does not (section
+    4.2.3).
     """
-    one, points = ranges(paths.starts[pairs.earlier], paths.starts[pairs.earlier + 1])
-    other, more = ranges(paths.starts[pairs.later], paths.starts[pairs.later + 1])
-    names, points = np.append(one, other), np.append(points, more)
-    later = np.arange(len(names)) >= len(one)
-    names, _, frame, place = _united(paths, names, points, later)
-    return speeds_of(names, frame, place, len(pairs.cost))
+    begin, end = (np.append(paths.starts[i + n], paths.starts[k + n]) for n in range(2))
+    owner, points = ranges(begin, end)
+    names, _, frame, place = _united(paths, owner % len(i), points, owner >= len(i))
+    return speeds(names, frame, place)
 
 
-def _united(
-    paths: Paths, names: Index, points: Integers, later: Flags
-) -> tuple[Index, Index, Whole, Array]:
+def _united(paths: Paths, names: Index, points: Integers, later: Flags) -> tuple[Any, ...]:
     """Return names, rows, frames and places of points, one in each frame of a name.
 
     ``points`` (q,) are indices in `Paths`, ``names`` (q,) their tracklets after joining, ``later``
@@ -382,8 +383,7 @@ def _united(
     blind = np.isnan(place[twice, 2]) & ~np.isnan(place[twice + 1, 2])
     rows[twice] = np.where(blind, rows[twice + 1], rows[twice])
     place[twice] = _mean(place[twice], place[twice + 1])
-    kept = np.ones(len(rows), dtype=np.bool_)
-    kept[twice + 1] = False
+    kept = np.delete(np.arange(len(rows)), twice + 1)
     return names[kept], rows[kept], frame[kept], place[kept]
 
 

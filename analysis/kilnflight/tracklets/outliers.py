@@ -48,12 +48,15 @@ class OutlierRemoval(PathStep):
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets without outliers; ``differences`` are not used."""
-        kept = np.zeros(len(paths.rows), dtype=np.bool_)
-        for left in np.split(np.arange(len(kept)), paths.starts[1:-1]):
+        names, steps = paths.names(), velocities(paths.frame, paths.place)
+        # A change from the mean of three is at most twice the largest from step to step.
+        large = turns(steps[:-1], steps[1:])[1] > self.change / 2.1
+        for k in np.unique(names[2:][large & (names[2:] == names[:-2])]):
+            left = np.arange(*paths.starts[[k, k + 1]])
             while (outlier := self.first_outlier(paths.frame[left], paths.place[left])) is not None:
+                names[left[outlier]] = -1
                 left = np.delete(left, outlier)
-            kept[left] = True
-        return paths.grouped(np.where(kept, paths.names(), -1))
+        return paths.grouped(names)
 
     def first_outlier(self, frame: Whole, place: Array) -> int | None:
         """Return the index of the first outlier of one path, or None.

@@ -28,6 +28,16 @@ class Paths(NamedTuple):
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
+    def speeds(self, some: Index) -> Array:
+        """Return the median and the largest speed (2, m) of the tracklets ``some`` in px/frame.
+
+        It is 0 for the others, and without a step.
+        """
+        names, points = ranges(self.starts[some], self.starts[some + 1])
+        path, speed = speeds(some[names], self.frame[points], self.place[points])
+        found = pd.Series(speed).groupby(path).agg(["median", "max"])
+        return found.reindex(range(len(self.starts) - 1), fill_value=0.0).to_numpy().T
+
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
 
@@ -142,16 +152,6 @@ def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
     """
     within = np.diff(names) == 0
     return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
-
-
-def speeds_of(names: Index, frame: Whole, place: Array, count: int, of: str = "max") -> Array:
-    """Return the largest speed of each of ``count`` paths in px/frame, or its median; or 0.
-
-    ``names`` (n,) are the paths of points, ``frame`` (n,), ``place`` (n, 2 or more) row, col in px.
-    """
-    path, speed = speeds(names, frame, place)
-    found = pd.Series(speed).groupby(path).agg(of)
-    return np.asarray(found.reindex(range(count), fill_value=0.0), dtype=np.float64)
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
