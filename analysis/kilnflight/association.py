@@ -240,8 +240,8 @@ def joint_probabilities(
     [[0.667, 0.333], [0.667, 0.333]]
     """
     check_number(most_states, "joint probabilities: most_states", least=4, whole=True)
-    pairs = check_finite(likelihood, "likelihood (tracks, detections)", (None, None))
-    missed = check_finite(nonassignment, "nonassignment, one per track", pairs.shape[:1])
+    pairs = check_finite(likelihood, "likelihood (tracks, detections)", (None, None), most=np.inf)
+    missed = check_finite(nonassignment, "nonassignment of tracks", pairs.shape[:1], most=np.inf)
     for name, values in (("likelihood", pairs), ("nonassignment", missed)):
         check_number(values.min(initial=0.0), f"{name} (not its logarithm)", least=0)
     i, j = pairs.nonzero()

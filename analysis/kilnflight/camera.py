@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy.linalg import null_space
 
 from kilnflight.arrays import Array, Flags, Index
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, check_finite, check_shape
 
 
 @dataclass(frozen=True)
@@ -330,7 +330,7 @@ def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
 def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
     """Return whether each pixel lies in a polygon, such as the region of interest.
 
-    The result has the common shape of ``row`` and ``col``.
+    The result has the shape of ``row`` and ``col``; one of them may be a number.
 
     Parameters
     ----------
@@ -359,11 +359,12 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Fl
     corners = check_finite(polygon, "polygon", (None, 2))
     if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
         raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
-    r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
+    r, c = check_finite(row, "row"), check_finite(col, "col")
+    check_shape(c, r.shape if r.ndim and c.ndim else c.shape, "col")
     contour = corners.astype(np.float32)
-    places = zip(r.ravel().tolist(), c.ravel().tolist(), strict=True)
+    places = np.broadcast(r, c)
     side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
-    return np.greater_equal(side, 0).reshape(r.shape)
+    return np.greater_equal(side, 0).reshape(places.shape)
 
 
 def wall_profile(picture: npt.ArrayLike, corners: npt.ArrayLike, rows: int = 200) -> Array:

@@ -72,23 +72,23 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
 
 
 def check_finite(
-    values: npt.ArrayLike, where: str, shape: Sequence[int | None] | None = None, gaps: bool = False
+    values: Any, where: str, shape: Any = None, gaps: bool = False, most: float = 1e100
 ) -> Array:
     """Return ``values`` as float64, or raise an `InputError`.
 
     They have ``shape`` (None: any length or, alone, any shape); an empty list has it, too. With
-    ``gaps`` NaN is allowed, infinity is not.
+    ``gaps`` NaN is allowed. Infinity is not, nor what is not below ``most``: its square is.
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
     if shape is not None:
         array = array.reshape([n or 0 for n in shape]) if array.shape == (0,) else array
         check_shape(array, shape, where)
-    finite = np.isfinite(array)
+    finite = np.abs(array) < most
     if not finite.all():  # searched only then: it takes eight times as long
         finite |= np.isnan(array) & gaps
         for index in map(tuple, np.argwhere(~finite)[:1].tolist()):
-            wrong = f"{np.sum(~finite)} value(s) are not finite, the first ({array[index]})"
-            raise InputError(f"{where}: {wrong} at index {index}. Leave out such points.")
+            wrong = f"{np.sum(~finite)} value(s) are not finite or too large ({array[index]})"
+            raise InputError(f"{where}: {wrong}, the first at {index}. Leave out such points.")
     return array
 
 

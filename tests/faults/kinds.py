@@ -23,6 +23,7 @@ def spot(values, rng, what):
 WRONG = {
     "nan": lambda values, rng: spot(values, rng, np.nan),
     "inf": lambda values, rng: spot(values, rng, rng.choice([np.inf, -np.inf])),
+    "huge": lambda values, rng: spot(values, rng, 1e160),
     "a text": lambda values, rng: spot(values, rng, "3"),
     "texts": lambda values, rng: values.astype(str),
     "objects of text": lambda values, rng: values.astype(str).astype(object),

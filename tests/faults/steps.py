@@ -83,7 +83,7 @@ STEPS_AND_INPUT = {
         f"background {k}": (lambda frames, each=each: list(each(frames, range(5))), {"frames": FILM}, "frames:truths")
         for k, each in enumerate(background.MODELS)
     },
-    "joint": (joint_probabilities, {"likelihood": RNG.random((4, 5)), "nonassignment": np.ones(4)}, ""),
+    "joint": (joint_probabilities, {"likelihood": RNG.random((4, 5)), "nonassignment": np.ones(4)}, "*:huge"),
     "track": (track, {"detections": TRACKS.drop(columns="particle")}, f"{DEPTH} x:* y:*"),
     "kilnflight.track": (kilnflight.track, {"detections": TRACKS.drop(columns="particle")}, f"{DEPTH} x:* y:*"),
     "postprocess": (postprocess, {"tracks": PIXELS}, "frame:below"),
@@ -117,7 +117,7 @@ STEPS_AND_INPUT = {
     "estimate_velocity": (estimate_velocity, {"measured": BANDS}, ""),
     "calibrate_camera": (lambda corners: calibrate_camera(BeltCorners(corners, np.ones(4))).matrix, {"corners": CORNERS}, ""),
     "plot_tracks": (lambda tracks: len(kilnflight.plot_tracks(FILM, tracks).axes[0].lines), {"tracks": PIXELS}, "frame:below"),
-    "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths"),
+    "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths source:huge"),
 }  # fmt: skip
 
 

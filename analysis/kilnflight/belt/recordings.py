@@ -169,8 +169,7 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
     InputError
         If fewer than 20 pairs make the peak, or a second peak is half as high.
     """
-    measured = MEASURED.check(measured, once=True)
-    steps, first = _steps(measured)
+    steps, first = _steps(measured := MEASURED.check(measured, once=True))
     counts, edges = np.histogram(steps, np.arange(LEAST_PX, MOST_PX + BIN_PX, BIN_PX))
     peaks = np.convolve(counts, np.ones(3), mode="same")
     middle = 0.5 * (edges[:-1] + edges[1:])

@@ -22,7 +22,7 @@ from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import Pairs, assign
 from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_number
 from kilnflight.tables import BELT_ENDS, BELT_STATES, MEASURED
 from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion
 from kilnflight.tracking.tracker import ExtraColumns, Step, Tracks, follow
@@ -252,6 +252,7 @@ class BeltTracker:
         number, places = table["frame"].to_numpy(), table[["x", "y"]].to_numpy()
         if not len(number):
             return
+        check_number(np.ptp(number), "measured: frames from first to last", most=10_000_000)
         order = np.argsort(number, kind="stable")
         every = np.arange(number.min(), max(number.max() + 1, frames))
         parts = np.split(order, np.searchsorted(number[order], every[1:]))

@@ -172,7 +172,7 @@ class Plausible:
         The reason is `LEAVES`, `BEHIND` or `TOO_FAST`, the first that holds anywhere between t0 and
         ``end_s``, on the fit's clock.
         """
-        count = max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1)
+        count = min(max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1), 1_000_000)  # of a stray frame
         time = np.linspace(fit.t0, end_s, count)
         places = straight_on(fit, time)
         speed = np.linalg.norm(fit.velocity(np.minimum(time, fit.last_s)), axis=1) / 1000

@@ -60,7 +60,7 @@ def space_sliced_velocity(
     counts, as published; ``observed`` marks it. (4) The distance is the difference of depths, not
     the path.
     """
-    check_number(slice_m, "space_sliced_velocity: slice_m", above=0)
+    check_number(slice_m, "space_sliced_velocity: slice_m", least=1e-6)
     end = float(np.minimum(fit.last_s, until_s) - fit.t0)
     if not end > 0:
         raise InputError(f"space_sliced_velocity: until_s or fit ends {end} s after t0.")
