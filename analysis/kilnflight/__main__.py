@@ -17,7 +17,8 @@ from kilnflight import __version__
 def main(arguments: list[str] | None = None) -> None:
     """Import, export and inspect recordings; preview, track or run it all."""
     options = (parser := _parser()).parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: it ends all processes
+    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C, which ends all processes
+        signal.signal(number, signal.default_int_handler)
     warnings.showwarning = lambda text, *_: print(f"warning: {text}")
     try:
         options.function(options)
@@ -123,13 +124,12 @@ ARGUMENTS: dict[str, Any] = {
     "folder": {"type": Path, "metavar": "FOLDER", "help": "folder to write"},
     "--seed": _WHOLE | {"help": "of the simulation (default: the scene's own)"},
 }
-_OPENED = "recording --channel"
-_FOUND = f"{_OPENED} --to --detector --background --threshold --dark --small --size --roi --frames"
-_LINKED, _WORKED = "--max-step --memory --post-processing", "--in-air --jobs --scheduler"
+_FOUND = "recording --channel --to --detector --background --threshold --dark --small --size --roi"
+_LINKED, _WORKED = "--max-step --memory --post-processing", "--frames --in-air --jobs --scheduler"
 COMMANDS = (
-    ("import", _info, "store a recording of any kind as Zarr", f"{_OPENED} --to"),
-    ("info", _info, "read every frame and print what a recording holds", _OPENED),
-    ("preview", _preview, "draw what three thresholds detect", _FOUND),
+    ("import", _info, "store a recording of any kind as Zarr", "recording --channel --to"),
+    ("info", _info, "read every frame and print what a recording holds", "recording --channel"),
+    ("preview", _preview, "draw what three thresholds detect", f"{_FOUND} --frames"),
     ("run", _run, "all steps, to tracks and pictures", f"{_FOUND} {_LINKED} {_WORKED}"),
     ("track", _track, "link detections to tracks", f"detections tracks {_LINKED} --jpda --format"),
     ("export", _export, "write a simulated recording", "scene folder --frames --seed"),

@@ -81,7 +81,7 @@ def check_finite(
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
     if shape is not None:
-        array = array.reshape([n or 0 for n in shape]) if array.shape == (0,) else array
+        array = np.ones([n or 0 for n in shape]) if array.shape == (0,) and None in shape else array
         check_shape(array, shape, where)
     finite = np.abs(array) < most
     if not finite.all():  # searched only then: it takes eight times as long

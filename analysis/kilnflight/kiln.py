@@ -311,7 +311,7 @@ class KilnRun:
 
 
 def make_tables(
-    runs: Sequence[KilnRun], workers: Workers | None = None, steps: Sequence[str] = KILN_STEPS
+    runs: Sequence[KilnRun], workers: Workers | int | None = None, steps: Sequence[str] = KILN_STEPS
 ) -> None:
     """Make all missing tables, or those up to ``steps``, with progress; one process by default.
 
@@ -323,7 +323,7 @@ def make_tables(
     InputError
         If something cannot be read or written, or a worker writes to another folder.
     """
-    workers = workers or Workers()
+    workers = Workers(workers) if isinstance(workers, int) else workers or Workers()
     chunks = [(run, frames, len(frames)) for run in runs for frames in run.detection.chunks]
     _make_missing(chunks, workers, "detection")
     for step in steps:

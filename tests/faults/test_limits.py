@@ -20,6 +20,7 @@ from kilnflight.project.cache import write_whole
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.recording.track_files import csv_of
+from kilnflight.run import run_recording
 
 BLACK = b"\x1b[30m"  # what a name must not do to a terminal
 
@@ -118,6 +119,7 @@ def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypat
     main(["run", "film.avi", "--to", "out"])
     assert Path("out", "tracks.csv").is_file()
     content = film.read_bytes()
+    Path("tracks.csv").write_text("of another program")
     Path("frames").mkdir()
     tifffile.imwrite("frames/a_1.tif", FILM[0])
     for command, target in {
@@ -126,15 +128,19 @@ def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypat
         "run frames": "frames",
         "import frames": "frames/a.zarr",
         "preview no.avi": "new/a.png",
+        "run film.avi": ".",
     }.items():
         with pytest.raises(SystemExit, match="2"):
             main([*command.split(), "--to", target])
     assert film.read_bytes() == content
     assert [path.name for path in Path("frames").iterdir()] == ["a_1.tif"]
     assert not Path("new").exists()
+    assert Path("tracks.csv").read_text() == "of another program"
+    with pytest.raises(InputError, match="another film"):
+        run_recording(FILM, "out")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path):
     command = ["run", str(stored_flights), "--to", str(tmp_path), "--jobs", "2", "--threshold", "9"]
     code = "from kilnflight import kiln, __main__; kiln.CHUNK_FRAMES = 2; __main__.main()"

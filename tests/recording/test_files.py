@@ -63,6 +63,7 @@ KINDS = {
     "pages.tif": (lambda path: stack(path, metadata=None), WIDE),
     "separate.tif": (separate_pages, WIDE),
     "lzw.tif": (lambda path: cv2.imwritemulti(str(path), list(WIDE), LZW), WIDE),
+    "lzw-rgb.tif": (lambda path: cv2.imwritemulti(str(path), list(COLOURED), LZW), FILM),
     "imagej.tif": (lambda path: stack(path, imagej=True, metadata={"axes": "TYX"}), WIDE),
     "s.ome.tif": (lambda path: stack(path, metadata={"axes": "TYX"}), WIDE),
     "rgb.tif": (lambda path: stack(path, COLOURED[..., ::-1], photometric="rgb"), FILM),
@@ -98,8 +99,20 @@ def test_every_kind_is_opened(name, tmp_path):
         tolerance = 3 if name == "film.mp4" else 0
         np.testing.assert_allclose(frame.gray, expected[t], atol=tolerance)
     assert recording.content() == open_any(str(tmp_path / name)).content()
-    coloured = name in ("rgb.tif", "colours", "colour.npy")
+    coloured = name in ("rgb.tif", "lzw-rgb.tif", "colours", "colour.npy")
     assert ("channel red" in str(recording.attributes.notes)) == coloured
+
+
+def test_times_in_names_do_not_change_the_order_and_one_picture_is_no_film(tmp_path):
+    for k, name in enumerate(("9-58", "9-59", "10-00")):
+        (folder := tmp_path / "chips-4.5").mkdir(exist_ok=True)
+        cv2.imwrite(str(folder / f"a_{name}.png"), FILM[k])
+    with pytest.raises(InputError, match="10-00"):
+        open_any(folder)
+    (folder / "a_10-00.png").unlink()
+    assert open_any(folder).attributes.name == "chips-4.5"
+    with pytest.raises(InputError, match="array"):
+        open_any(COLOURED[0])
 
 
 class Lazy:

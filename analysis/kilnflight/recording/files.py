@@ -93,7 +93,7 @@ Anything = npt.NDArray[Any]
 # Keys of a manifest and of its tables, each with a regular expression of its value's `repr`
 TEXT, NUMBER, PARTS = r"['\"].*", r"-?(?:inf|nan|\d[\d.e+-]*)", ("gray", "coordinates", "labels")
 MANIFEST = dict.fromkeys(("name", "fraction"), TEXT) | dict.fromkeys(PARTS, r"\{.*\}")
-MANIFEST |= dict.fromkeys(("frame_rate_hz", "pressure_bar"), NUMBER)
+MANIFEST |= dict.fromkeys(("frame_rate_hz", "pressure_bar"), NUMBER) | {"name": r"['\"][^/]+"}
 MANIFEST |= {"lance_mm": rf"\[{NUMBER}, {NUMBER}, {NUMBER}\]", "flame_roi": r"\[(\d+(, |\])){4}"}
 MANIFEST |= {"roi": rf"\[(\[{NUMBER}, {NUMBER}\](, )?)+\]", "depth_calibration": r"['\"\[{].*"}
 PART = dict.fromkeys(("pattern", "key", "channel"), TEXT) | {"invalid": f"'nan'|{NUMBER}"}
@@ -221,7 +221,8 @@ def open_any(
             if channel is not None or frame_rate_hz is not None:
                 raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
             return _manifest(path) if manifest else open_recording(path)
-        name = (path if path.exists() else path.parent).resolve().stem  # of a pattern: the folder
+        # of a pattern that of its folder
+        name = path.stem if path.is_file() else Path(path, "_" * path.is_dir(), "..").resolve().name
         images, numbers = _images(DEFAULTS | {"pattern": str(path)}, Path())
     elif indexed and not hasattr(source, "keys") and getattr(source, "shape", True):
         images, numbers = source, range(len(source))
@@ -270,10 +271,11 @@ def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
         if channel is None and (array[..., :3] != array[..., :1]).any():
             raise InputError(f"{where}: coloured, as the first is not. Name a channel.")
         array = array[..., CHANNELS.index(channel or CHANNELS[0])]
-    real = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image)
-    if array.ndim != 2 or not array.size or not real or not np.isfinite(array).all():
+    # of four columns or fewer: the rows of one coloured picture
+    fits = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image) and array.shape[-1:] > (4,)
+    if array.ndim != 2 or not array.size or not fits or not np.isfinite(array).all():
         kind = f"{array.dtype} of shape {np.shape(image)}"
-        raise InputError(f"{where}: {kind}. Give finite numbers (rows, cols) without a mask.")
+        raise InputError(f"{where}: {kind}. Give films of finite (rows, cols) without a mask.")
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
@@ -300,11 +302,13 @@ def _numbered(pattern: str, folder: Path) -> dict[int, Path]:
     last, named = number + r"[^\d/]*\.\w+$", fnmatch.translate(text).replace("FRAME", number, 1)
     files, endings = dict[int, Path](), PICTURES + TIFFS if whole else ("",)
     names = glob.glob(text.replace("FRAME", "*"), root_dir=folder)
-    for name in sorted(n for n in names if n.lower().endswith(endings) and (folder / n).is_file()):
-        found, path = re.search(named if "FRAME" in text else last, name), folder / name
-        if not found or int(found["number"]) in files or int(found["number"]) >= 2**63:
+    names = [n for n in names if n.lower().endswith(endings) and (folder / n).is_file()]
+    form, all_numbers = (named, named) if "FRAME" in text else (last, r"\d+")
+    for name in sorted(names, key=lambda name: [*map(int, re.findall(all_numbers, name))]):
+        found, path = re.search(form, name), folder / name
+        if not found or not max(files, default=-1) < int(found["number"]) < 2**63:
             advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
-            raise InputError(f"{path}: has no number, or that of another file. {advice}.")
+            raise InputError(f"{path}: has no number above that of the file before. {advice}.")
         files[int(found["number"])] = path
     if not files:
         raise InputError(f"{folder / pattern}: no file fits the pattern, or none is a picture.")
@@ -317,8 +321,7 @@ def _points(part: Mapping[str, Any], path: Path, size: tuple[int, ...]) -> dict[
     check_shape(array, (*size, 3) if grid else (None, 5), str(path))
     pixels: Any = np.indices(size).reshape(2, -1).T if grid else array[:, :2] - part["origin"]
     xyz = array[..., -3:].reshape(-1, 3)
-    unknown = np.float32(part["invalid"])
-    missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype(np.float32) == unknown)
+    missing = np.isnan(xyz).any(axis=1) | (xyz[:, 2].astype("f4") == np.float32(part["invalid"]))
     pixels, xyz = pixels[~missing], xyz[~missing]
     if not (np.abs(pixels) < 2**31).all() or (pixels % 1).any() or (len(missing) and not len(xyz)):
         raise InputError(f"{path}: row and col of a point are not whole, or none has a position.")
@@ -483,11 +486,11 @@ def _tiff(path: Path) -> Anything:
         try:
             images = tif.asarray(slice(None) if len(tif.series) > 1 else None, out="memmap")
         except ValueError:  # a compression that tifffile leaves to another package
-            images = np.array(cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1])  # LZW
+            images = np.array([*map(_from_bgr, cv2.imreadmulti(str(path), flags=-1)[1])])
     if images.dtype.newbyteorder("=") != page.dtype or images.size < page.size * count:
         raise ValueError(f"its compression of {page.dtype} is not known, or it is damaged")
     axes = {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1}
-    if axes - set("TIQYXS") or page.photometric in (0, 3):  # white is 0, or a palette
+    if axes - set("TIQYXS") or page.photometric not in (1, 2, 6):  # grey, RGB, JPEG's
         remedy = "Save grey values of one plane, black as 0; time is T (ImageJ: Image > Properties)"
         raise InputError(f"axes {series.axes}, colours {page.photometric!r}. {remedy}.")
     return images.reshape(-1, *page.shape)

@@ -21,7 +21,6 @@ from kilnflight.camera import DepthCalibration, calibrate_points, read_calibrati
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number, check_shape
 
 LABELS = ("wall", "flame", "burning in air", "non-burning in air", "burning on the wall")
-SIZE = ("rows", "columns")
 
 Gray = npt.NDArray[np.uint16]
 
@@ -100,9 +99,9 @@ class Attributes:
 
     def __post_init__(self) -> None:
         where, (rows, columns) = f"recording {self.name}", self.size
-        for key in (*SIZE, "frame_rate_hz", "pressure_bar"):
+        for key in ("rows", "columns", "frame_rate_hz", "pressure_bar"):
             if (value := getattr(self, key)) is not None:
-                value = check_number(value, f"{where}, {key}", above=0, whole=key in SIZE)
+                value = check_number(value, f"{where}, {key}", above=0, whole=key.endswith("s"))
                 object.__setattr__(self, key, value)  # as JSON has it, not numpy
         check_finite(self.lance_mm or (0, 0, 0), f"{where}, lance_mm", (3,))
         roi = check_finite(self.roi or 3 * ((0, 0),), f"{where}, roi", (None, 2))

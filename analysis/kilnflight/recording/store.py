@@ -31,7 +31,7 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight.checks import InputError
-from kilnflight.project.cache import locked, make_whole
+from kilnflight.project.cache import clear_parts, locked, make_whole
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, check_position
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
@@ -158,6 +158,7 @@ def write_recording(
     with locked(path.with_name(f".{path.name}.lock")):  # another process waits
         if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
             raise InputError(f"{path}: exists already, or the recording has no such frames.")
+        clear_parts(path)
         make_whole(path, partial(_write, recording, frames, truth or {}))
     return open_recording(path)
 

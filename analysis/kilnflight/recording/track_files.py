@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns
+from kilnflight.checks import InputError, check_columns, check_whole
 from kilnflight.project.cache import write_whole
 from kilnflight.tables import with_pixels
 
@@ -38,8 +38,8 @@ SPOT_LINES = 2 * "Label,Spot ID,Track ID,X,Y,Z,Frame\n" + ",,,(pixel),(pixel),(p
 
 def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
     """Raise an `InputError` unless a table can get this name and is not the source."""
-    other = path.parent.is_dir() and path.resolve() != source.resolve()
-    if not other or (form == "csv" and path.suffix not in ENDINGS):
+    new = path.parent.is_dir() and path.resolve() != source.resolve() and not path.match("/dev/*")
+    if not new or (form == "csv" and path.suffix not in ENDINGS):
         raise InputError(f"{path}: name another table .csv or .parquet, in a folder that exists.")
 
 
@@ -69,8 +69,8 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
         binary = path.suffix == ".parquet"
         return write_whole(path, table.to_parquet() if binary else csv_of(table).encode())
     check_columns(table, ["frame", "particle", "row", "col"], "tracks")
-    tracks = table[table["particle"] >= 0].sort_values(["particle", "frame"], ignore_index=True)
-    tracks = tracks.astype({"frame": int, "particle": int})
+    whole = {name: check_whole(table[name], f"tracks: {name}") for name in ("particle", "frame")}
+    tracks = table.assign(**whole).query("particle >= 0").sort_values([*whole], ignore_index=True)
     if form in ("challenge", "trackmate"):
         tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=tracks.index)
         tracks = tracks.assign(label="ID" + tracks["spot"].astype(str))
@@ -84,7 +84,7 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
 
 def csv_of(table: pd.DataFrame) -> str:
     """Return a table as CSV for people; a quote keeps spreadsheets from computing a text."""
-    return table.replace(r"^(?=[=+@-])", "'", regex=True).to_csv(index=False)
+    return table.replace(r"^(?=[=+@\t\r-])", "'", regex=True).to_csv(index=False)
 
 
 def _xml(tracks: pd.DataFrame) -> str:
@@ -93,6 +93,5 @@ def _xml(tracks: pd.DataFrame) -> str:
     for _, track in tracks.groupby("particle"):
         spots = track.drop(columns="particle").to_dict("records")
         marks = (" ".join(f'{name}="{value!r}"' for name, value in spot.items()) for spot in spots)
-        particle = "".join(f"<detection {mark} />\n" for mark in marks)
-        text += f"<particle>\n{particle}</particle>\n"
+        text += "<particle>\n" + "".join(f"<detection {m} />\n" for m in marks) + "</particle>\n"
     return f"<?xml version='1.0'?>\n{text}</TrackContestISBI2012>\n</root>"

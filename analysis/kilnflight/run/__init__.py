@@ -102,7 +102,7 @@ def track_detections(
 
 
 def run_recording(
-    source: Any, target: Path | str | None = None, workers: Workers | None = None, **options: Any
+    source: Any, target: Path | str | None = None, workers: Any = None, **options: Any
 ) -> dict[str, pd.DataFrame]:
     """Run all steps on a recording, print what was found and return all tables by name.
 
@@ -115,7 +115,7 @@ def run_recording(
     target
         Folder of tables and pictures; None: ``NAME-run`` in the working folder.
     workers
-        Processes or a cluster that detect; None: this process.
+        Processes, or a cluster that detects; None: this process.
     **options
         Those of `Options`.
 
@@ -127,6 +127,8 @@ def run_recording(
     (given := Options(**options)).check(recording := open_any(source))
     target = Path(target or f"{recording.attributes.name}-run")
     check_apart(target, source, recording)
+    if (target / "tracks.csv").exists() and not (target / "parts").is_dir():
+        raise InputError(f"{target}: has a tracks.csv of another origin. Name another folder.")
     stored = recording if isinstance(recording, StoredRecording) else _stored(recording, target)
     kiln_run, rows = prepare(stored, target, given)
     kiln.make_tables([kiln_run], workers, ())
@@ -168,6 +170,8 @@ def _stored(recording: FileRecording, target: Path) -> StoredRecording:
     copy = folder / f"recording-{recording.content()}.zarr"
     try:
         with locked(folder):
+            if any(path != copy for path in folder.glob("recording-*.zarr")):
+                raise InputError(f"{target}: has the run of another film. Name another folder.")
             return open_recording(copy) if copy.exists() else write_recording(recording, copy)
     finally:  # of a film that cannot be read nothing is left
         with suppress(OSError):

@@ -198,9 +198,8 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     level = None if deep else mean_level(recording)
     content = recording.content() if isinstance(recording, StoredRecording) else ""
     seen = Prepared(recording, content, options.dark, level, options.roi)
-    given = [each for each in asdict(options).items() if each[0] not in EXPLAINED[deep:]]
     rows = [("recording", attributes.name), *(("note", note) for note in attributes.notes)]
-    rows += [(name, f"{value}") for name, value in given if value not in (None, False)]
+    rows += [(k, f"{v}") for k, v in asdict(options).items() if v and k not in EXPLAINED[deep:]]
     look = cache(lambda word: sample(seen, BACKGROUNDS[word]))
     spots = cache(lambda word, times: _spots(look(word), times))
     word, why = options.background, "given"
@@ -286,8 +285,7 @@ def area_threshold(recording: Recording) -> float:
 def mean_level(recording: Recording) -> float | None:
     """Return the level of the light if it changes by more than 1 % over the frames, else None."""
     levels = [level_of(recording.gray(t)) for t in spread(len(recording), 30)]
-    mean = float(np.mean(levels))
-    return mean if np.std(levels) > 0.01 * mean else None
+    return mean if np.std(levels) > 0.01 * (mean := float(np.mean(levels))) else None
 
 
 def level_of(gray: npt.NDArray[Any]) -> float:
@@ -303,8 +301,7 @@ def _doubts(seen: Recording, looks: Sequence[Single], spots: Sequence[Array]) ->
     # known from 15 frames and px; above 0.5 px edges of a textured ground stand out
     if min(len(seen), *seen.attributes.size) >= 15 and (shake := shaken_px(seen)) > 0.5:
         yield SHAKEN.format(shake)
-    find = Otsu(area_threshold(seen))
-    areas = [find(_middle(each, 2)) for each in looks]
+    areas = list(map(Otsu(area_threshold(seen)), (_middle(each, 2) for each in looks)))
     radii = [np.median([0.0, *np.concatenate(found)[:, 2]]) for found in (areas, spots)]
     if radii[0] > 1.5 * radii[1]:
         yield LONG.format(*radii)

@@ -60,8 +60,7 @@ def aligned(rows: pd.DataFrame) -> str:
 def doubts(tables: Tables) -> Iterator[str]:
     """Yield warnings of missing or doubtful results, each with what to change."""
     yield from doubtful_links(tables["tracks"])
-    flights = tables["flights"]
-    from_lance = flights[flights["from_lance"]]
+    from_lance = (flights := tables["flights"])[flights["from_lance"]]
     if len(flights) and from_lance.empty:
         yield f"No flight starts at the lance: {flights['start_mm'].median():.0f} mm off. {LANCE}"
     refused = len(from_lance) - len(kept(from_lance))
