@@ -140,7 +140,7 @@ def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypat
         run_recording(FILM, "out")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
 def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path):
     command = ["run", str(stored_flights), "--to", str(tmp_path), "--jobs", "2", "--threshold", "9"]
     code = "from kilnflight import kiln, __main__; kiln.CHUNK_FRAMES = 2; __main__.main()"
@@ -152,7 +152,7 @@ def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path)
             time.sleep(0.05)
         run.send_signal(number)
         run.communicate(timeout=30)  # the pipe closes when no process holds it
-    assert run.returncode == 2
+    assert run.returncode in (2, -signal.SIGKILL)
     for _ in range(100):  # its workers end a moment later
         try:
             os.killpg(run.pid, 0)

@@ -116,7 +116,7 @@ class Workers:
                 client = Client(self.scheduler, timeout=PATIENCE_S, set_as_default=False)
                 stack.enter_context(client)
                 client.wait_for_workers(1, timeout=PATIENCE_S)
-                client.run(_one_thread)
+                client.run(_one_thread, 0)
             except (ImportError, OSError, ValueError, TypeError) as error:
                 needs = "It needs dask scheduler and dask worker with the same kilnflight[cluster]."
                 raise InputError(f"scheduler {self.scheduler}: {error}. {needs}") from error
@@ -140,17 +140,20 @@ def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator
         yield from joblib.Parallel(n_jobs=jobs, return_as=kind, initializer=_one_thread)(calls)
 
 
-def _one_thread() -> None:
-    """Limit OpenCV to one thread, so that other workers keep their cores."""
+def _one_thread(orphaned: int = 15) -> None:
+    """Limit OpenCV to one thread, so that other workers keep their cores.
+
+    The process gets the signal ``orphaned`` (SIGTERM) when its parent is killed; 0: none.
+    """
     import cv2
 
     cv2.setNumThreads(1)
+    getattr(ctypes.CDLL(None), "prctl", max)(1, orphaned)  # PR_SET_PDEATHSIG
 
 
 def _numbered(make: Make, number: int, piece: object) -> int:
     """Call ``make(piece)``, free memory and return the piece's index ``number``."""
     make(piece)
     gc.collect()  # joblib takes a process that keeps freed memory for leaking, and renews it
-    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
-        trim(0)
+    getattr(ctypes.CDLL(None), "malloc_trim", abs)(0)  # on Linux
     return number
