@@ -284,14 +284,32 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
 
 
 @njit(cache=True)
-def _touch(cells: _Cells, core: Any, cell: int, other: int, limit: float) -> bool:
+def _boxes(cells: _Cells) -> Any:
+    """Return the least and the largest x, y, z of the points of each cell, (m, 2, 3)."""
+    boxes = np.empty((len(cells.keys), 2, 3))
+    for cell in range(len(boxes)):
+        for axis in range(3):
+            low = high = cells.points[cells.starts[cell], axis]
+            for a in range(cells.starts[cell] + 1, cells.starts[cell + 1]):
+                low, high = min(low, cells.points[a, axis]), max(high, cells.points[a, axis])
+            boxes[cell, 0, axis], boxes[cell, 1, axis] = low, high
+    return boxes
+
+
+@njit(cache=True)
+def _touch(cells: _Cells, core: Any, cell: int, other: int, boxes: Any, limit: float) -> bool:
     """Return whether a core point of one cell is within eps of one of another cell.
 
     ``core`` (n,) marks the core points of ``cells``, ``cell`` and ``other`` are indices in its
-    keys, and ``limit`` is eps^2 in mm^2.
+    keys, ``boxes`` (m, 2, 3) those of `_boxes`, and ``limit`` is eps^2 in mm^2. Most points are
+    farther than eps from the other's box already.
     """
     for a in range(cells.starts[cell], cells.starts[cell + 1]):
-        if core[a]:
+        x, y, z = cells.points[a]
+        x = max(boxes[other, 0, 0] - x, x - boxes[other, 1, 0], 0.0)
+        y = max(boxes[other, 0, 1] - y, y - boxes[other, 1, 1], 0.0)
+        z = max(boxes[other, 0, 2] - z, z - boxes[other, 1, 2], 0.0)
+        if core[a] and x * x + y * y + z * z <= limit:
             for b in range(cells.starts[other], cells.starts[other + 1]):
                 if core[b] and _near(cells.points, a, b, limit):
                     return True
@@ -306,24 +324,26 @@ def _connected_cells(cells: _Cells, core: Any, limit: float) -> Any:
     eps^2 in mm^2. Adjacent cells come first, so that most cells two steps apart are connected
     already.
     """
-    keys, steps = cells.keys, cells.steps
-    parents = np.arange(len(keys))
+    parents, boxes, starts = np.arange(len(cells.keys)), _boxes(cells), cells.starts
+    holds = np.array([core[starts[k] : starts[k + 1]].any() for k in range(len(parents))])
+    full: Any = np.flatnonzero(holds)
+    keys = cells.keys[full]
     for reach, rows in ((1, 9), (_REACH, 25)):
+        # what the first round has connected is read faster than roots
+        joined = np.array([_root(parents, cell) for cell in full])
+        steps = cells.steps[:rows][cells.steps[:rows] >= 0]  # else the other cell finds this one
         first = np.zeros(25, np.int64)
-        for cell in range(len(keys)):
-            for r in range(rows):
-                if steps[r] < 0:
-                    continue  # the other cell finds this one
-                low = max(keys[cell] + steps[r] - reach, keys[cell] + 1)
-                first[r] = other = _advance(keys, first[r], low)
-                while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
-                    root, its = _root(parents, cell), _root(parents, other)
-                    if root != its and _touch(cells, core, cell, other, limit):
-                        parents[max(root, its)] = min(root, its)
-                    other += 1
-    for cell in range(len(keys)):
-        parents[cell] = _root(parents, cell)
-    return parents
+        for k in range(len(keys)):
+            for r in range(len(steps)):
+                low = max(keys[k] + steps[r] - reach, keys[k] + 1)
+                first[r] = m = _advance(keys, first[r], low)
+                while m < len(keys) and keys[m] <= keys[k] + steps[r] + reach:
+                    if joined[k] != joined[m]:
+                        root, its = _root(parents, full[k]), _root(parents, full[m])
+                        if root != its and _touch(cells, core, full[k], full[m], boxes, limit):
+                            parents[max(root, its)] = min(root, its)
+                    m += 1
+    return np.array([_root(parents, cell) for cell in range(len(parents))])
 
 
 @njit(cache=True)
