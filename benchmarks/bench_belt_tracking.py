@@ -116,13 +116,13 @@ def _filter(place: np.ndarray) -> KalmanFilter:
     return one
 
 
-def without_pictures(name: str, peer: Callable, frames: int, repeats: int) -> Row:
+def without_pictures(name: str, peer: Callable, frames: int) -> Row:
     """Return one comparison on measured positions."""
     table = measured(frames)
     for tracker in (with_ours, peer):
         check_links(table, tracker(table), tracker.__name__)
     what = ("belt tracker, 100 particles in view", "frames", frames, name)
-    return compare(what, lambda: with_ours(table), lambda: peer(table), repeats)
+    return compare(what, lambda: with_ours(table), lambda: peer(table))
 
 
 def with_pictures(frames: int = 30) -> Row:
@@ -158,13 +158,12 @@ def with_pictures(frames: int = 30) -> Row:
         what,
         lambda: with_ours(measure.table(pictures)),
         lambda: with_scipy(by_scipy()),
-        2,
     )
 
 
 def rows() -> list[Row]:
-    """Return every comparison; the slower the peer, the fewer the frames."""
+    """Return every comparison."""
     return [
-        without_pictures("scipy and filterpy, one object per track", with_scipy, 100, 2),
+        without_pictures("scipy and filterpy, one object per track", with_scipy, 100),
         with_pictures(),
     ]

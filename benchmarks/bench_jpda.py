@@ -106,7 +106,6 @@ def joint(name: str, count: int, side: float) -> list[Row]:
             (f"joint probabilities, {name}", "tracks", count, "Stone Soup JPDAwithEHM2"),
             lambda: joint_probabilities(likelihood, missed),
             lambda: peer.associate(tracks, set(seen), NOW),
-            repeats=10,
         ),
         compare(
             (f"JPDA from predictions, {name}", "tracks", count, "Stone Soup, with hypotheses"),

@@ -9,7 +9,7 @@ from tests.definitions import plain_tracklets
 
 from kilnflight.tracklets import Connection
 
-SIZES = (100, 300)  # tracklets; the plain definition judges every pair in every iteration
+SIZE = 300  # tracklets; the plain definition judges every pair in every iteration
 
 
 def tracklets(count: int) -> pd.DataFrame:
@@ -40,17 +40,8 @@ def check(tracks: pd.DataFrame) -> None:
 
 
 def rows() -> list[Row]:
-    """Return every comparison, the results checked to be equal."""
-    found = []
-    for count in SIZES:
-        tracks = tracklets(count)
-        check(tracks)
-        found.append(
-            compare(
-                ("connection, Eqs 4.21 to 4.24", "tracklets", count, "the definition in Python"),
-                lambda tracks=tracks: Connection()(tracks),
-                lambda tracks=tracks: plain_tracklets.join(plain_tracklets.tracklets_of(tracks)),
-                repeats=2,
-            )
-        )
-    return found
+    """Return the comparison, the results checked to be equal."""
+    check(tracks := tracklets(SIZE))
+    what = ("connection, Eqs 4.21 to 4.24", "tracklets", SIZE, "the definition in Python")
+    peer = lambda: plain_tracklets.join(plain_tracklets.tracklets_of(tracks))  # noqa: E731
+    return [compare(what, lambda: Connection()(tracks), peer)]

@@ -42,4 +42,4 @@ def rows() -> list[Row]:
     close = np.abs(ours() - one_by_one(empty, blobs)) < 0.02 * 4000
     assert close.mean() > 0.999  # overlapping particles blend in another order
     what = ("drawing 20 particles into a frame", "particles", 20, "one particle at a time")
-    return [compare(what, ours, lambda: one_by_one(empty, blobs), repeats=2)]
+    return [compare(what, ours, lambda: one_by_one(empty, blobs))]

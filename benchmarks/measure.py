@@ -16,33 +16,37 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # tests.definitions
 
 
 class Row(NamedTuple):
-    """One line of figures/benchmarks.csv."""
+    """One line of figures/benchmarks.csv: how many times longer the peer takes."""
 
     step: str
     unit: str
     size: int
-    ours_s: float
-    peer_s: float
-    ratio: float
     peer: str
+    ratio: float  # median of the turns
+    lowest: float
+    highest: float
 
 
 def compare(
     what: tuple[str, str, int, str],
     ours: Callable[[], object],
     peer: Callable[[], object],
-    repeats: int = 3,
+    share: float = 1.0,
+    repeats: int = 5,
 ) -> Row:
-    """Return the best times of both, run in turns; ``what``: step, unit, size, peer."""
-    step, unit, size, name = what
-    times: tuple[list[float], list[float]] = ([], [])
+    """Return the ratio of both times, run in turns.
+
+    ``what``: step, unit, size, peer. The peer does only a ``share`` of what ours does.
+    """
+    ours()  # compiles
+    ratios = []
     for _ in range(repeats):
-        for run, kept in zip((ours, peer), times, strict=True):
-            start = time.perf_counter()
-            run()
-            kept.append(time.perf_counter() - start)
-    mine, theirs = min(times[0]), min(times[1])
-    return Row(step, unit, size, mine, theirs, theirs / mine, name)
+        start = time.perf_counter()
+        ours()
+        middle = time.perf_counter()
+        peer()
+        ratios.append((time.perf_counter() - middle) / share / (middle - start))
+    return Row(*what, float(np.median(ratios)), min(ratios), max(ratios))
 
 
 def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:

@@ -83,9 +83,10 @@ def saved() -> dict[str, dict[str, Any]]:
     return found
 
 
-def table(name: str) -> str:
+def table(name: str, folder: Path | None = None) -> str:
     """Return a saved table as HTML, numbers with four digits; rows of claims.csv have anchors."""
-    rows = pd.read_csv(paths.figures() / f"{name}.csv", dtype=str, keep_default_na=False)
+    path = (folder or paths.figures()) / f"{name}.csv"
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
     text = rows.head(LONGEST).to_html(index=False, border=0)
     text = re.sub(r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)", lambda found: f"{float(found[0]):.4g}", text)
     text = re.sub(r"<td>(\d\d_\w+)</td>", r'<td><a href="\1.html">\1</a></td>', text)
@@ -163,6 +164,9 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
         shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
+    for name in ("benchmarks", "growth"):  # of make bench, at one scale
+        text = table(name, paths.root() / "figures")
+        (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
     (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
     (pages / "verdicts.inc").write_text(render("verdicts.inc", chapters=chapters()[0]))

@@ -37,6 +37,8 @@ CELL = re.compile(r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S
 NAMED = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")
 # no traceback of an interruption; bars of long work go to the terminal
 QUIET = ["--IPKernelApp.log_level=CRITICAL", "--IPKernelApp.capture_fd_output=False"]
+# nor what asyncio says of tasks that are left when a kernel ends
+QUIET.append("--IPKernelApp.exec_lines=__import__('logging').getLogger('asyncio').setLevel(50)")
 
 
 def known_parameters(path: Path) -> dict[str, object]:
@@ -165,8 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     # on any signal clean up as after Ctrl-C
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for name in ("asyncio", "papermill"):  # failures are reported below, in one line
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    logging.disable()  # failures are reported below, in one line
     warnings.simplefilter("ignore", DeprecationWarning)  # papermill's own
     stem, started = options.source.stem, time.monotonic()
     try:
