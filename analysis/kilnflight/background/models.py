@@ -29,8 +29,8 @@ def _difference(frame: _Image, background: _Image, signed: bool = False) -> Sing
     ``signed``: the positive part of frame minus background instead.
     """
     kind = np.result_type(frame, background, np.float32)  # exact for both
-    image, behind = frame.astype(kind, copy=False), background.astype(kind, copy=False)
-    apart = np.maximum(image - behind, 0) if signed else cv2.absdiff(image, behind)
+    apart = np.subtract(frame, background, dtype=kind)
+    apart = np.maximum(apart, 0, out=apart) if signed else np.abs(apart, out=apart)
     return np.asarray(apart, dtype=np.float32)
 
 

@@ -24,12 +24,13 @@ from kilnflight.background.frames import HeldFrames, surrounding
 
 Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
 MEDIAN_CHUNK = 32  # frames; longer saves little time and holds one more frame each
-_BAND = 32_768  # pixels of all frames that are copied side by side
-_TILE = 2048  # pixels; some 125 slots of 16 bit fill a second-level cache of 512 KiB
+_BAND = 16_384  # pixels of all frames that are copied side by side
+_TILE = 1024  # pixels; some 180 slots of 16 bit fill a second-level cache of 512 KiB
+_LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)
 # Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.
 _Step = tuple[int, int, int, int]
-_UNUSED = -1  # also the last row of the scratch memory, for values that are not read again
+_UNUSED = -1  # in a program, the last row of the scratch memory
 
 
 @dataclass
@@ -116,7 +117,8 @@ class _Network:
         return steps[::-1]
 
 
-def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.NDArray[np.int32]:
+@lru_cache  # most chunks share a program, which takes 30 ms
+def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.NDArray[np.uint64]:
     """Return the program (n, 6) that emits four ranks of every window.
 
     Each row is a step.
@@ -134,9 +136,9 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
     Notes
     -----
     A slot is a row of scratch memory. Columns by kind of step: `_LOAD`, frame, slot; `_COMPARE`,
-    two slots, slot of the minimum, slot of the maximum (`_UNUSED`: not read); `_EMIT`, output,
-    slots of the ranks. `_UNUSED` fills a row. To use few slots, frames are loaded late, outputs
-    emitted early, and slots used again. A step never writes a slot that it reads.
+    two slots, slot of the minimum, slot of the maximum; `_EMIT`, output, slots of the ranks. What
+    is not read, and what fills a row, is the largest number. To use few slots, frames are loaded
+    late, outputs emitted early, and slots used again. A step never writes a slot that it reads.
     """
     distinct = sorted(set(starts))
     network = _Network(size, ranks, distinct[-1] + size)
@@ -168,60 +170,55 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
             if number == ready[output]:
                 table.append([_EMIT, output, *(slots[value] for value in values)])
                 release(values)
-    return np.array([row + [_UNUSED] * (6 - len(row)) for row in table], dtype=np.int32)
-
-
-@njit(cache=True)
-def _copy(source: Any, out: Any) -> None:
-    for p in range(source.size):  # as a slice it takes 3 ms a frame more
-        out[p] = source[p]
-
-
-@njit(cache=True)
-def _compare(a: Any, b: Any, low: Any, high: Any) -> None:
-    for p in range(low.size):
-        x, y = a[p], b[p]
-        low[p] = min(x, y)
-        high[p] = max(x, y)
-
-
-@njit(cache=True)
-def _middle(ranks: Any, frame: Any, out: Any) -> None:
-    """Write into ``out`` (p,) the median of a window without the frame itself.
-
-    ``ranks`` are four arrays (p,): the window's values at the two middle ranks of the others, each
-    followed by the next higher value. ``frame`` (p,) is the frame. Leaving out its value moves the
-    ranks above it by one.
-    """
-    low, above_low, high, above_high = ranks
-    for p in range(out.size):
-        x = frame[p]
-        lower = above_low[p] if x <= low[p] else low[p]
-        upper = above_high[p] if x <= high[p] else high[p]
-        out[p] = 0.5 * (np.float64(lower) + np.float64(upper))
+    program = np.array([row + [_UNUSED] * (6 - len(row)) for row in table])
+    return np.where(program < 0, program.max() + 1, program).astype(np.uint64)
 
 
 @njit(cache=True)
 def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any) -> None:
     """Run a program on a band of p pixels and write the medians into ``out``.
 
-    ``table`` (n, 6) is from `_program`, and ``scratch`` has a row more than slots. ``pixels`` (f,
-    p) is the band in the f frames of the chunk. ``frames`` (outputs,) are the rows of ``pixels``
-    whose medians are wanted. The band begins at pixel ``start`` of ``out`` (outputs, all pixels).
-    Tiles keep the scratch memory in the processor's cache.
+    ``table`` (n, 6) is from `_program`, and ``scratch`` has a row of `_TILE` pixels more than
+    slots. ``pixels`` (f, p) is the band in the f frames of the chunk. ``frames`` (outputs,) are the
+    rows of ``pixels`` whose medians are wanted. The band begins at pixel ``start`` of ``out``
+    (outputs, all pixels). Tiles keep the scratch memory in the processor's cache.
+
+    Numbers are unsigned, as negative ones would have to be tested; rows are no slices, whose
+    owners are counted. Both take longer than the comparisons of a tile.
     """
-    tile = scratch.shape[1]
-    for first in range(0, pixels.shape[1], tile):
-        last = min(first + tile, pixels.shape[1])
-        for step in range(table.shape[0]):
-            kind, a, b, c, d = table[step, :5]
+    for first in range(np.uint64(0), np.uint64(pixels.shape[1]), np.uint64(_TILE)):
+        count = min(np.uint64(_TILE), np.uint64(pixels.shape[1]) - first)
+        for step in range(len(table)):
+            kind, a, b, c = table[step, 0], table[step, 1], table[step, 2], table[step, 3]
+            d, e = table[step, 4], table[step, 5]
             if kind == _COMPARE:
-                _compare(scratch[a], scratch[b], scratch[c], scratch[d])
+                for p in range(np.uint64(_TILE)):
+                    x, y = scratch[a, p], scratch[b, p]
+                    scratch[c, p] = min(x, y)
+                    scratch[d, p] = max(x, y)
             elif kind == _LOAD:
-                _copy(pixels[a, first:last], scratch[b])
+                for p in range(count):
+                    scratch[b, p] = pixels[a, first + p]
             else:
-                ranks = (scratch[b], scratch[c], scratch[d], scratch[table[step, 5]])
-                _middle(ranks, pixels[frames[a], first:last], out[a, start + first : start + last])
+                target = out[a, start + first : start + first + count]
+                _middle(scratch, (b, c, d, e), pixels[frames[a], first : first + count], target)
+
+
+@njit(cache=True)
+def _middle(scratch: Any, ranks: Any, frame: Any, out: Any) -> None:
+    """Write into ``out`` (p,) the median of a window without the frame itself.
+
+    ``ranks`` are four rows of ``scratch``: the window's values at the two middle ranks of the
+    others, each followed by the next higher value. ``frame`` (p,) is the frame. Leaving out its
+    value moves the ranks above it by one.
+    """
+    low, above_low, high, above_high = ranks
+    for p in range(np.uint64(out.size)):
+        x, below, above = frame[p], scratch[low, p], scratch[high, p]
+        after_below, after_above = scratch[above_low, p], scratch[above_high, p]
+        lower = after_below if x <= below else below  # both are read first: no branches
+        upper = after_above if x <= above else above
+        out[p] = 0.5 * (np.float64(lower) + np.float64(upper))
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
@@ -247,7 +244,7 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
     Windows with the frame itself are consecutive frames and share nearly all work. So the program
     gives the middle ranks with the frame, and `_middle` takes it out.
     """
-    out, program = np.empty((0, 0)), lru_cache(_program)  # most chunks share a program of 10 ms
+    out = np.empty((0, 0))
     for chunk in _chunks(indices, window, held.length):
         windows = [surrounding(index, window, held.length) for index in chunk]
         first = min(around.start for around in windows)
@@ -255,15 +252,17 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
         held.fetch(needed)
         if not out.size:
             out = np.empty((min(MEDIAN_CHUNK, len(indices)), held[first].size), held.precise)
-        frames = np.array(chunk) - first
+        frames = (np.array(chunk) - first).astype(np.uint64)
         if others := len(windows[0]) - 1:
             low, high = (others - 1) // 2, others // 2
             ranks = (low, low + 1, high, high + 1)
-            table = program(others + 1, ranks, tuple(w.start - first for w in windows))
-            scratch = np.zeros((table.max() + 2, min(_TILE, out.shape[1])), held.kind)
+            table = _program(others + 1, ranks, tuple(w.start - first for w in windows))
+            memory = np.zeros((int(table.max()) + 1) * _TILE + _LINE, held.kind)
+            memory = memory[-memory.ctypes.data % _LINE // memory.itemsize :]
+            scratch = memory[: len(memory) // _TILE * _TILE].reshape(-1, _TILE)
             for start in range(0, out.shape[1], _BAND):
                 band = np.stack([held[t].ravel()[start : start + _BAND] for t in needed])
-                _execute(table, scratch, band, frames, out, start)
+                _execute(table, scratch, band, frames, out, np.uint64(start))
         else:
             out[: len(chunk)] = [held[t].ravel() for t in chunk]
         for index, background in zip(chunk, out, strict=False):
