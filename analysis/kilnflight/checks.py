@@ -83,9 +83,8 @@ def check_finite(
     if shape is not None:
         array = np.ones([n or 0 for n in shape]) if array.shape == (0,) and None in shape else array
         check_shape(array, shape, where)
-    finite = np.abs(array) < most
-    if not finite.all():  # searched only then: it takes eight times as long
-        finite |= np.isnan(array) & gaps
+    if not -most < array.min(initial=0.0) <= array.max(initial=0.0) < most:  # so it is fast
+        finite = (np.abs(array) < most) | (np.isnan(array) & gaps)
         for index in map(tuple, np.argwhere(~finite)[:1].tolist()):
             wrong = f"{np.sum(~finite)} value(s) are not finite or too large ({array[index]})"
             raise InputError(f"{where}: {wrong}, the first at {index}. Leave out such points.")
