@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 from numba import njit
 from scipy.spatial import cKDTree
 
-from kilnflight.arrays import Array, Index, Whole
+from kilnflight.arrays import Array, Flags, Index, Whole
 from kilnflight.checks import InputError, check_finite, check_number
 
 NOISE = -1
@@ -96,14 +95,10 @@ class DBSCAN:
         cells = _sort_into_cells(cloud, self.eps / np.sqrt(3.0) * (1 - 1e-8))
         limit = float(self.eps * self.eps)
         core = _core_points(cells, limit, int(self.min_points))
-        roots = _connected_cells(cells, core, limit)
-        labels = np.full(len(cloud), NOISE, np.intp)
-        labels[cells.order] = np.where(core, np.repeat(roots, np.diff(cells.starts)), NOISE)
-        known = labels != NOISE
-        labels[known], first = pd.factorize(labels[known])
-        numbers = np.full(len(roots), NOISE)
-        numbers[first] = np.arange(len(first))
-        _add_borders(cells, core, numbers[roots], limit, labels)
+        inner, labels = _only(cells, core), np.full(len(cloud), NOISE, np.intp)
+        roots = _connected_cells(inner, limit)
+        labels[inner.order] = np.repeat(roots, np.diff(inner.starts))
+        _add_borders(cells, inner, _number_clusters(roots, labels), limit, labels)
         return labels
 
 
@@ -241,11 +236,15 @@ def _root(parents: Any, member: int) -> int:
 
 
 @njit(cache=True)
-def _near(points: Any, a: int, b: int, limit: float) -> bool:
-    """Return whether two of the points (n, 3) are within eps; ``limit`` is eps^2."""
-    x = points[a, 0] - points[b, 0]
-    y = points[a, 1] - points[b, 1]
-    z = points[a, 2] - points[b, 2]
+def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> bool:
+    """Return whether one of the points (n, 3) is within eps of a box; ``limit`` is eps^2.
+
+    The box is from ``low[b]`` to ``high[b]``, (m, 3) in mm; of a point both are the same. The gap
+    to a box is never larger than to a point in it, after rounding, too.
+    """
+    x = max(low[b, 0] - points[a, 0], points[a, 0] - high[b, 0], 0.0)
+    y = max(low[b, 1] - points[a, 1], points[a, 1] - high[b, 1], 0.0)
+    z = max(low[b, 2] - points[a, 2], points[a, 2] - high[b, 2], 0.0)
     return x * x + y * y + z * z <= limit
 
 
@@ -277,97 +276,116 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
                 for b in range(begin[r], end[r]):
                     along_x, along_y, along_z = point_x - x[b], point_y - y[b], point_z - z[b]
                     neighbours += along_x * along_x + along_y * along_y + along_z * along_z <= limit
+                    if neighbours >= min_points:
+                        break
                 if neighbours >= min_points:
                     break
             core[a] = neighbours >= min_points
     return core
 
 
+def _only(cells: _Cells, core: Flags) -> _Cells:
+    """Return the core points, marked by ``core`` (n,), in their cells; no cell is empty."""
+    sizes = np.add.reduceat(core, cells.starts[:-1], dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum(sizes[sizes > 0])])
+    points = cells.points.compress(core, axis=0)
+    return _Cells(cells.order[core], points, cells.keys[sizes > 0], starts, cells.steps)
+
+
 @njit(cache=True)
 def _boxes(cells: _Cells) -> Any:
-    """Return the least and the largest x, y, z of the points of each cell, (m, 2, 3)."""
-    boxes = np.empty((len(cells.keys), 2, 3))
-    for cell in range(len(boxes)):
-        for axis in range(3):
-            low = high = cells.points[cells.starts[cell], axis]
-            for a in range(cells.starts[cell] + 1, cells.starts[cell + 1]):
-                low, high = min(low, cells.points[a, axis]), max(high, cells.points[a, axis])
-            boxes[cell, 0, axis], boxes[cell, 1, axis] = low, high
-    return boxes
+    """Return the smallest x, y, z of each cell's points and the largest, both (m, 3) in mm."""
+    low, high = np.full((len(cells.keys), 3), np.inf), np.full((len(cells.keys), 3), -np.inf)
+    for cell in range(len(low)):
+        for a in range(cells.starts[cell], cells.starts[cell + 1]):
+            for axis in range(3):
+                low[cell, axis] = min(low[cell, axis], cells.points[a, axis])
+                high[cell, axis] = max(high[cell, axis], cells.points[a, axis])
+    return low, high
 
 
 @njit(cache=True)
-def _touch(cells: _Cells, core: Any, cell: int, other: int, boxes: Any, limit: float) -> bool:
-    """Return whether a core point of one cell is within eps of one of another cell.
+def _touch(cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: float) -> bool:
+    """Return whether a point of one cell is within eps of one of another cell.
 
-    ``core`` (n,) marks the core points of ``cells``, ``cell`` and ``other`` are indices in its
-    keys, ``boxes`` (m, 2, 3) those of `_boxes`, and ``limit`` is eps^2 in mm^2. Most points are
-    farther than eps from the other's box already.
+    ``low`` and ``high`` (m, 3) are the `_boxes` of ``cells``, ``cell`` and ``other`` are indices in
+    its keys, and ``limit`` is eps^2 in mm^2. Few points are near the other's box.
     """
     for a in range(cells.starts[cell], cells.starts[cell + 1]):
-        x, y, z = cells.points[a]
-        x = max(boxes[other, 0, 0] - x, x - boxes[other, 1, 0], 0.0)
-        y = max(boxes[other, 0, 1] - y, y - boxes[other, 1, 1], 0.0)
-        z = max(boxes[other, 0, 2] - z, z - boxes[other, 1, 2], 0.0)
-        if core[a] and x * x + y * y + z * z <= limit:
+        if _near(cells.points, a, low, high, other, limit):
             for b in range(cells.starts[other], cells.starts[other + 1]):
-                if core[b] and _near(cells.points, a, b, limit):
+                if _near(cells.points, a, cells.points, cells.points, b, limit):
                     return True
     return False
 
 
 @njit(cache=True)
-def _connected_cells(cells: _Cells, core: Any, limit: float) -> Any:
+def _connected_cells(cells: _Cells, limit: float) -> Any:
     """Return the first cell (m,) of each cell's cluster, an index in ``cells.keys``.
 
-    Cells are connected where core points, marked by ``core`` (n,), are within eps; ``limit`` is
-    eps^2 in mm^2. Adjacent cells come first, so that most cells two steps apart are connected
-    already.
+    Cells, of core points only, are connected where points are within eps; ``limit`` is eps^2 in
+    mm^2. Adjacent cells come first, so that most cells two steps apart are connected already.
     """
-    parents, boxes, starts = np.arange(len(cells.keys)), _boxes(cells), cells.starts
-    holds = np.array([core[starts[k] : starts[k + 1]].any() for k in range(len(parents))])
-    full: Any = np.flatnonzero(holds)
-    keys = cells.keys[full]
+    keys, steps, parents = cells.keys, cells.steps, np.arange(len(cells.keys))
+    lowest, highest = _boxes(cells)
     for reach, rows in ((1, 9), (_REACH, 25)):
-        # what the first round has connected is read faster than roots
-        joined = np.array([_root(parents, cell) for cell in full])
-        steps = cells.steps[:rows][cells.steps[:rows] >= 0]  # else the other cell finds this one
         first = np.zeros(25, np.int64)
-        for k in range(len(keys)):
-            for r in range(len(steps)):
-                low = max(keys[k] + steps[r] - reach, keys[k] + 1)
-                first[r] = m = _advance(keys, first[r], low)
-                while m < len(keys) and keys[m] <= keys[k] + steps[r] + reach:
-                    if joined[k] != joined[m]:
-                        root, its = _root(parents, full[k]), _root(parents, full[m])
-                        if root != its and _touch(cells, core, full[k], full[m], boxes, limit):
+        for cell in range(len(keys)):
+            for r in range(rows):
+                if steps[r] < 0:
+                    continue  # the other cell finds this one
+                low = max(keys[cell] + steps[r] - reach, keys[cell] + 1)
+                first[r] = other = _advance(keys, first[r], low)
+                while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
+                    if parents[cell] != parents[other]:  # most have one parent, then one root
+                        root, its = _root(parents, cell), _root(parents, other)
+                        if root != its and _touch(cells, lowest, highest, cell, other, limit):
                             parents[max(root, its)] = min(root, its)
-                    m += 1
-    return np.array([_root(parents, cell) for cell in range(len(parents))])
+                    other += 1
+        for cell in range(len(keys)):
+            parents[cell] = _root(parents, cell)
+    return parents
 
 
 @njit(cache=True)
-def _add_borders(cells: _Cells, core: Any, numbers: Any, limit: float, labels: Any) -> None:
+def _number_clusters(roots: Any, labels: Any) -> Any:
+    """Change ``labels`` (n,) into numbers of clusters; return those of their cells (m,).
+
+    Labels are in the order of the caller's cloud: before, the ``roots`` (m,) of `_connected_cells`,
+    or `NOISE`. The cluster of the first core point has the first number.
+    """
+    numbers, count = np.full(len(roots), NOISE), 0
+    for i in range(len(labels)):
+        if labels[i] != NOISE:
+            if numbers[labels[i]] == NOISE:
+                numbers[labels[i]] = count
+                count += 1
+            labels[i] = numbers[labels[i]]
+    return numbers[roots]
+
+
+@njit(cache=True)
+def _add_borders(cells: _Cells, inner: _Cells, numbers: Any, limit: float, labels: Any) -> None:
     """Write the clusters of border points into ``labels`` (n,), in place.
 
-    Labels are in the order of the caller's cloud. ``core`` (n,) marks the core points of ``cells``,
-    ``numbers`` (m,) are the clusters of its cells (-1: none), and ``limit`` is eps^2 in mm^2. The
-    lowest of several clusters is taken.
+    Labels are in the order of the caller's cloud; core points have theirs. ``inner`` are those of
+    ``cells`` with core points, of these only, and ``numbers`` (m,) their clusters. ``limit`` is
+    eps^2 in mm^2. The lowest of several clusters is taken.
     """
-    keys, starts, steps = cells.keys, cells.starts, cells.steps
+    keys, starts, steps = inner.keys, inner.starts, inner.steps
     first = np.zeros(25, np.int64)
-    for cell in range(len(keys)):
-        for a in range(starts[cell], starts[cell + 1]):
-            if core[a]:
+    for cell in range(len(cells.keys)):
+        for a in range(cells.starts[cell], cells.starts[cell + 1]):
+            if labels[cells.order[a]] != NOISE:
                 continue
-            best = numbers[cell]
+            best = NOISE
             for r in range(25):
-                first[r] = _advance(keys, first[r], keys[cell] + steps[r] - _REACH)
-                last = _advance(keys, first[r], keys[cell] + steps[r] + _REACH + 1)
+                first[r] = _advance(keys, first[r], cells.keys[cell] + steps[r] - _REACH)
+                last = _advance(keys, first[r], cells.keys[cell] + steps[r] + _REACH + 1)
                 for other in range(first[r], last):
-                    if numbers[other] >= 0 and (best < 0 or numbers[other] < best):
+                    if best == NOISE or numbers[other] < best:
                         for b in range(starts[other], starts[other + 1]):
-                            if core[b] and _near(cells.points, a, b, limit):
+                            if _near(cells.points, a, inner.points, inner.points, b, limit):
                                 best = numbers[other]
                                 break
             labels[cells.order[a]] = best
