@@ -65,7 +65,6 @@ _KERNELS = tuple(_taps(sigma) for sigma in np.sqrt(_SCALES**2 - SIGMA_PX**2).tol
 DISC_RADIUS = _K * math.sqrt(2.0 * math.log(_K**2) / (_K**2 - 1.0))
 _NEXT = _taps(SIGMA_PX * math.sqrt(3.0))  # from the first scale of an octave to twice as much
 _BOUNDS = [(*_positive(a, b), len(b) - 1) for a, b in pairwise(_KERNELS[1:-1])]
-_MARGIN = len(_KERNELS[-1]) - 1 + _WALK  # px that are mirrored beyond the border
 
 
 @dataclass(frozen=True)
@@ -153,27 +152,24 @@ class DoG:
         octaves, spacing = [np.empty((0, 4))], 1.0
         if image.size:
             first = _taps(math.sqrt(SIGMA_PX**2 - self.camera_blur**2))
-            image = _blur(_mirrored(image), first, 1)
+            image = _blur(np.ascontiguousarray(image), first, 1)
         while min(image.shape) >= 3:  # a maximum has a neighbour on each side
-            padded = _mirrored(image)
-            octaves.append(self._octave(image, padded, spacing, within))
-            image = _blur(padded, _NEXT, 2)
+            octaves.append(self._octave(image, spacing, within))
+            image = _blur(image, _NEXT, 2)
             spacing *= 2
         return np.concatenate(octaves)
 
-    def _octave(
-        self, image: Single, padded: Single, spacing: float, within: Polygon | None
-    ) -> Array:
+    def _octave(self, image: Single, spacing: float, within: Polygon | None) -> Array:
         """Return row, col, radius and largest threshold (n, 4) of an octave's keypoints.
 
         Places and radii are in px of the image at full size; one pixel of the octave's ``image``
-        (rows, cols) is ``spacing`` of them. ``padded`` is the image after `_mirrored`.
+        (rows, cols) is ``spacing`` of them.
         """
         live = _reachable(image, self.threshold / 2)
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
         boxes = np.array(_boxes(live, image.shape), np.int64).reshape(-1, 4)
-        points = np.asarray(_search(padded, boxes, _KERNELS, float(self.threshold)))
+        points = np.asarray(_search(image, boxes, _KERNELS, float(self.threshold)))
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
@@ -187,10 +183,14 @@ def enlarged(image: Single, times: int) -> Single:
     return np.asarray(cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR))
 
 
-def _mirrored(image: Single) -> Single:
-    """Return the image (rows, cols) with `_MARGIN` mirrored px on every side."""
-    border = cv2.copyMakeBorder(image, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_REFLECT_101)
-    return np.asarray(border, np.float32)
+@njit(cache=True)
+def _mirrored(start: int, stop: int, size: int) -> Any:
+    """Return the pixel (stop - start,) at each place along an axis, mirrored beyond its border.
+
+    The axis has ``size`` px; the outermost ones are not repeated.
+    """
+    places, period = np.arange(start, stop), max(2 * size - 2, 1)
+    return np.minimum(places % period, -places % period)
 
 
 @njit(cache=True)
@@ -222,73 +222,76 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 
 
 @njit(cache=True)
-def _blur(padded: Any, weights: Any, step: int) -> Any:
+def _blur(image: Any, weights: Any, step: int) -> Any:
     """Return every ``step``-th pixel of the blurred image (Eq. 2.21), float32.
 
-    The image is (rows, cols); ``padded`` has `_MARGIN` px more on every side (`_mirrored`).
-    ``weights`` (1 + r,) are those of `_taps`. Columns are blurred first, then rows.
+    The image is (rows, cols), mirrored at its border. ``weights`` (1 + r,) are those of `_taps`.
+    Columns are blurred first, then rows.
     """
-    (height, width), away, flat = padded.shape, np.arange(len(weights)), padded.ravel()
-    rows, cols = height - 2 * _MARGIN, width - 2 * _MARGIN
-    down, across = np.empty(width, np.float32), np.empty(cols, np.float32)
+    (rows, cols), reach, away = image.shape, len(weights) - 1, np.arange(len(weights))
+    lines, ends = (
+        _mirrored(-reach, rows + reach, rows) * cols,
+        _mirrored(-reach, cols + reach, cols),
+    )
+    down, across = np.empty(cols + 2 * reach, np.float32), np.empty(cols, np.float32)
     out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
     for i in range(len(out)):
-        middle, target = _MARGIN + step * i, out[i]
-        _pass(flat, (middle - away) * width, (middle + away) * width, weights, down)
-        _pass(down, _MARGIN - away, _MARGIN + away, weights, across)
-        for x in range(len(target)):  # a slice assigned is slow to compile
-            target[x] = across[step * x]
+        middle, target = step * i + reach, out[i] if step == 1 else across
+        low, high = lines[middle - away], lines[middle + away]
+        _pass(image.ravel(), low, high, weights, down[reach : reach + cols])
+        for x in range(reach):
+            down[x], down[-1 - x] = down[reach + ends[x]], down[reach + ends[-1 - x]]
+        _pass(down, reach - away, reach + away, weights, target)
+        for x in range(out.shape[1] * (step > 1)):  # a slice assigned is slow to compile
+            out[i, x] = across[step * x]
     return out
 
 
 @njit(cache=True)
-def _differences(padded: Any, box: _Box, kernels: Any) -> Any:
+def _differences(image: Any, box: _Box, kernels: Any) -> Any:
     """Return the differences of Gaussians (kernels - 1, rows, cols) in a box.
 
     Float32, in grey values; narrow minus wide, so bright blobs are positive. ``box`` is in px of
-    the ``padded`` image and at least the largest r from its border. ``kernels`` are `_taps`,
-    (1 + r,) each, the narrowest first. Compiled: the box stays in the cache of the processor,
-    which takes half of OpenCV's time.
+    the image (rows, cols), which is mirrored at its border. ``kernels`` are `_taps`, (1 + r,) each,
+    the narrowest first. Compiled: the box stays in the cache of the processor, which takes half of
+    OpenCV's time.
     """
     top, bottom, left, right = box
-    rows, cols = bottom - top, right - left
+    rows, cols, most = bottom - top, right - left, len(kernels[-1]) - 1
+    stride, lines = cols + 2 * most, _mirrored(top - most, bottom + most, image.shape[0])
+    places = _mirrored(left - most, right + most, image.shape[1])
+    patch = np.empty(len(lines) * stride, dtype=np.float32)
+    for i in range(len(lines)):
+        line, target = image[lines[i]], patch[i * stride : (i + 1) * stride]
+        for x in range(stride):
+            target[x] = line[places[x]]
+    # The ends of the lines are blurred across, too; they are cut off below.
+    down, across = np.empty((rows + 2) * stride, np.float32), np.empty(rows * stride, np.float32)
     gaussians = np.empty((len(kernels), rows, cols), dtype=np.float32)
     for index in range(len(kernels)):
-        size = len(kernels[index])
-        radius, stride, away = size - 1, cols + 2 * size - 2, np.arange(size)
-        patch = np.empty((rows + 2 * radius) * stride, dtype=np.float32)
-        for i in range(rows + 2 * radius):
-            line = padded[top - radius + i, left - radius : right + radius]
-            target = patch[i * stride : (i + 1) * stride]
-            for x in range(stride):
-                target[x] = line[x]
-        # The ends of the lines are blurred across, too; they are cut off below.
-        down = np.empty((rows + 2) * stride, dtype=np.float32)
-        low, high = (radius - away) * stride, (radius + away) * stride
+        away = np.arange(len(kernels[index]))
+        low, high = (most - away) * stride, (most + away) * stride
         _pass(patch, low, high, kernels[index], down[stride:-stride])
-        across = np.empty(rows * stride, dtype=np.float32)
         _pass(down, stride - away, stride + away, kernels[index], across)
-        gaussians[index] = across.reshape(rows, stride)[:, radius : radius + cols]
+        gaussians[index] = across.reshape(rows, stride)[:, most : most + cols]
     return gaussians[:-1] - gaussians[1:]
 
 
 @njit(cache=True)
-def _search(padded: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
+def _search(image: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
     """Return the keypoints (n, 7) of all boxes, with the columns of `_keypoints`.
 
-    ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image without margin;
-    ``padded`` is the image after `_mirrored`. ``kernels`` are `_taps`, the narrowest first, and
-    ``threshold`` is in grey values. Compiled: some hundred boxes a frame, each passed from Python,
-    cost a fifth of their time.
+    ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image (rows, cols).
+    ``kernels`` are `_taps`, the narrowest first, and ``threshold`` is in grey values. Compiled:
+    some hundred boxes a frame, each passed from Python, cost a fifth of their time.
     """
-    found, count, inner = np.empty((64, 7)), 0, _MARGIN - _WALK
-    rows, cols = padded.shape[0] - 2 * _MARGIN, padded.shape[1] - 2 * _MARGIN
+    (rows, cols), found, count = image.shape, np.empty((64, 7)), 0
     for index in range(len(boxes)):
         top, bottom, left, right = boxes[index]
-        box = (top + inner, bottom + _MARGIN + _WALK, left + inner, right + _MARGIN + _WALK)
         first, start = top - _WALK, left - _WALK
+        box = (first, bottom + _WALK, start, right + _WALK)
         visit = (1 - first, rows - 1 - first, 1 - start, cols - 1 - start)
-        points = _keypoints(_differences(padded, box, kernels), visit, threshold)
+        points = _keypoints(_differences(image, box, kernels), visit, threshold)
         if count + len(points) > len(found):
             found = np.concatenate((found, np.empty((len(found) + len(points), 7))))
         for point in points:
