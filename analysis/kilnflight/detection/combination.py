@@ -77,10 +77,8 @@ def rectangles(clusters: Clusters) -> Index:
 
     Columns are first row, row after the last, first column, column after the last.
     """
-    low, high = (
-        edge.reduceat(clusters.pixels, clusters.start[:-1], axis=0)
-        for edge in (np.minimum, np.maximum)
-    )
+    pixels, start = clusters.pixels, clusters.start[:-1]
+    low, high = np.minimum.reduceat(pixels, start), np.maximum.reduceat(pixels, start)
     return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
 
 
@@ -126,10 +124,11 @@ def potential_particles(
     links = coo_array((np.ones(len(ends[0])), ends), shape=2 * (spots + groups,))
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
-    for members in np.split(order, np.cumsum(np.bincount(part))[:-1]):
-        middle = int(np.searchsorted(members, spots))
-        case = _CASES[min(middle, 2), min(len(members) - middle, 2)]
-        yield case, members[:middle], members[middle:] - spots
+    sizes, later = np.bincount(part), np.bincount(part[spots:], minlength=part.max() + 1)
+    last = np.cumsum(sizes)
+    for first, middle, end in np.stack([last - sizes, last - later, last], axis=1).tolist():
+        case = _CASES[min(middle - first, 2), min(end - middle, 2)]
+        yield case, order[first:middle], order[middle:end] - spots
 
 
 def disc_pixels(
@@ -150,10 +149,9 @@ def disc_pixels(
     low = np.maximum(np.ceil(center - radius), 0).astype(np.intp)
     high = np.minimum(np.floor(center + radius) + 1, shape).astype(np.intp)
     height, width = np.maximum(high - low, 0).T
-    disc = np.repeat(np.arange(len(discs)), height * width)
-    inner = np.arange(len(disc)) - np.repeat(
-        np.cumsum(height * width) - height * width, height * width
-    )
+    size = height * width
+    disc = np.repeat(np.arange(len(discs)), size)
+    inner = np.arange(len(disc)) - np.repeat(np.cumsum(size) - size, size)
     row, col = np.divmod(inner, width[disc])
     row, col = row + low[disc, 0], col + low[disc, 1]
     squares = (row - center[disc, 0]) ** 2 + (col - center[disc, 1]) ** 2
@@ -283,9 +281,8 @@ class Combination:
         for case, spots, groups in potential_particles(keypoints, clusters, view.gray.shape):
             if case == 4 and not moved[groups[0]]:  # most; tested at once for speed
                 continue
-            parts.append(
-                decide_case(case, keypoints[spots], take_clusters(clusters, groups), evidence)
-            )
+            members = take_clusters(clusters, groups)
+            parts.append(decide_case(case, keypoints[spots], members, evidence))
         return _table(np.concatenate(parts), view.gray, frame)
 
 
@@ -321,10 +318,8 @@ class Planar:
             spots = self.detector(view.foreground, roi)
         if roi is not None:
             spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
-        unknown = np.full((len(spots), 3), np.nan)
-        return _table(
-            np.column_stack([spots, unknown, np.zeros((len(spots), 2))]), view.gray, frame
-        )
+        unknown, none = np.full((len(spots), 3), np.nan), np.zeros((len(spots), 2))
+        return _table(np.column_stack([spots, unknown, none]), view.gray, frame)
 
 
 def _strongest(graded: Array, apart: float) -> Array:
@@ -352,12 +347,10 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     ``xyz`` (n, 3) is in mm. The first pass, ``wall``, finds the wall as its largest cluster; the
     second, ``clusterer``, takes the other points.
     """
-    first = wall(xyz)
-    labels = np.full(len(xyz), -1, dtype=np.intp)
-    on_wall = np.zeros(len(xyz), dtype=bool)
-    if (first >= 0).any():
-        on_wall = first == np.bincount(first[first >= 0]).argmax()
-    labels[~on_wall] = clusterer(xyz.compress(~on_wall, axis=0))
+    first, labels = wall(xyz), np.full(len(xyz), -1, dtype=np.intp)
+    sizes = np.bincount(first + 1)[1:]  # without noise
+    off_wall = first != (sizes.argmax() if sizes.any() else len(sizes))
+    labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels
 
 
