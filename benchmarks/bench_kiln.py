@@ -8,6 +8,7 @@ held against OpenCV's in the tests, where both see 8 bits: its SIFT takes no oth
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import cv2
@@ -19,11 +20,12 @@ from sklearn import cluster
 from kilnflight import kiln
 from kilnflight.background import Median
 from kilnflight.detection import DoG
-from kilnflight.detection.combination import Combination
+from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.twin.scenes import open_scene
 
 THRESHOLD = 283.0  # what notebook 21 finds for V1 and most subsets
+STEPS = ("background", "calibration, flame", "DoG", "clustering", "smoothing", "evidence, cases")
 WANTED = range(60, 124)  # consecutive, as in a campaign: the median's work is shared
 
 
@@ -60,6 +62,37 @@ def both_passes(xyz: np.ndarray) -> np.ndarray:
     labels = np.full(len(xyz), -1, dtype=np.intp)
     labels[rest] = cluster.DBSCAN(eps=15.0, min_samples=10).fit_predict(xyz[rest])
     return labels
+
+
+def steps() -> pd.DataFrame:
+    """Return the share of each step of our detection in the time of a frame, in percent."""
+    recording, detector = held(), Combination(DoG(THRESHOLD))
+    roi, spent = recording.attributes.roi, dict.fromkeys(STEPS, 0.0)
+    for again in (False, True):  # the first round compiles
+        spent = dict.fromkeys(STEPS, 0.0)
+        start = time.perf_counter()
+        for _ in Median()(kiln.FrameBuffer(recording), WANTED):
+            pass
+        spent["background"] = time.perf_counter() - start
+        start = time.perf_counter()
+        for _, view in kiln.views(recording, WANTED if again else WANTED[:1]):
+            clock = [start, time.perf_counter()]
+            keypoints = detector.detector(view.foreground, roi)
+            clock.append(time.perf_counter())
+            labels = second_pass(view.xyz, detector.wall, detector.clusterer)
+            clock.append(time.perf_counter())
+            view.smooth(view.gray)  # that of the frame before is kept
+            clock.append(time.perf_counter())
+            detector.decide(view, keypoints, labels, roi)
+            clock.append(time.perf_counter())
+            for step, seconds in zip(STEPS[1:], np.diff(clock), strict=True):
+                spent[step] += seconds
+            start = time.perf_counter()
+    spent["calibration, flame"] -= spent["background"]
+    whole = sum(spent.values())
+    shares = {step: 100 * seconds / whole for step, seconds in spent.items()}
+    print(*(f"{step} {share:.0f} %" for step, share in shares.items()), sep=", ")
+    return pd.DataFrame(shares.items(), columns=["step", "share_percent"]).round(1)
 
 
 def rows() -> list[Row]:

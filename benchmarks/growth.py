@@ -7,6 +7,7 @@ and the peak of memory. ``table`` makes figures/growth.csv of them, without abso
 from __future__ import annotations
 
 import logging
+import re
 import subprocess
 import sys
 import tempfile
@@ -14,7 +15,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
 import pandas as pd
@@ -162,4 +162,7 @@ def table() -> pd.DataFrame:
 
 if __name__ == "__main__":
     spent = globals()[sys.argv[1]](int(sys.argv[2]))
-    print(spent, getrusage(RUSAGE_SELF).ru_maxrss / 1024)
+    # of this program alone: ru_maxrss begins with the peak of the one that started it
+    print(
+        spent, int(re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[0]) / 1024
+    )

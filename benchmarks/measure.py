@@ -59,8 +59,8 @@ def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:
     return len(found[0] & found[1]) / len(found[0] | found[1])
 
 
-def check_links(table: pd.DataFrame, particle: np.ndarray, name: str) -> None:
-    """Raise unless the links are right."""
+def check_links(table: pd.DataFrame, particle: np.ndarray, name: str, right: float = RIGHT) -> None:
+    """Raise unless at least the share ``right`` of the links is."""
     share = share_of_links(table, particle)
-    if share < RIGHT:
+    if share < right:
         raise ValueError(f"{name}: {share:.3f} of the links are right, too few.")

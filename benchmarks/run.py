@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
+import bench_kiln
 import growth
 import pandas as pd
 
@@ -26,6 +27,8 @@ def main() -> None:
         "five runs in turns on one core."
     )
     figures.save("benchmarks", pd.DataFrame(rows), caption=caption, provenance=origin)
+    caption = "Share of each step in the time of combined detection, one core."
+    figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
         "Time for one frame, point, detection or chunk by that of the smallest size. 1 is linear "
         "growth. Two workers of Dask halve the time of a chunk at best; the last columns say how "

@@ -164,7 +164,7 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
         shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
-    for name in ("benchmarks", "growth"):  # of make bench, at one scale
+    for name in ("benchmarks", "cost-by-step"):  # of make bench, at one scale
         text = table(name, paths.root() / "figures")
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
