@@ -165,7 +165,8 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     for path in DOCS.glob("*.md"):
         shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
     for name in ("benchmarks", "cost-by-step"):  # of make bench, at one scale
-        text = table(name, paths.root() / "figures")
+        there = (paths.root() / "figures" / f"{name}.csv").is_file()
+        text = table(name, paths.root() / "figures") if there else "<p>Not measured here.</p>"
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
     (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
