@@ -8,6 +8,7 @@ from pathlib import Path
 import bench_kiln
 import growth
 import pandas as pd
+from measure import Row
 
 from kilnflight.project import figures
 
@@ -20,13 +21,13 @@ def main() -> None:
         for row in module.rows():
             times = f"{row.ratio:.3g} times our time ({row.lowest:.3g} to {row.highest:.3g})"
             print(f"{row.step}, {row.size} {row.unit}: {row.peer} takes {times}", flush=True)
-            rows.append(row)
+            rows.append((*row[:4], *(float(f"{each:.3g}") for each in row[4:])))
     origin = figures.trace("benchmarks/run", {"scale": "full"}, mark="")
     caption = (
-        "Time of other programs by ours, for the same result. Median, lowest and highest ratio of "
-        "five runs in turns on one core."
+        "Time of other programs over ours. Median, lowest and highest ratio of five runs in turns "
+        "on one core."
     )
-    figures.save("benchmarks", pd.DataFrame(rows), caption=caption, provenance=origin)
+    figures.save("benchmarks", pd.DataFrame(rows, columns=Row._fields), caption=caption, provenance=origin)
     caption = "Share of each step in the time of combined detection, one core."
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (

@@ -68,10 +68,11 @@ def _preview(options: argparse.Namespace) -> None:
     from kilnflight import run
     from kilnflight.project.cache import write_whole
 
+    options.to = options.to or Path("preview.png")  # before it is opened: it is checked, too
     picture = run.png(run.preview(_opened(options), **_settings(options)))
-    (target := options.to or Path("preview.png")).parent.mkdir(parents=True, exist_ok=True)
-    write_whole(target, picture)
-    print(f"three frames with the detections of three thresholds: {target}")
+    options.to.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(options.to, picture)
+    print(f"three frames with the detections of three thresholds: {options.to}")
 
 
 def _track(options: argparse.Namespace) -> None:
@@ -112,7 +113,7 @@ ARGUMENTS: dict[str, Any] = {
     "--frames": _WHOLE | {"nargs": 2, "metavar": ("A", "B"), "help": "A to B, B left out"},
     "--max-step": _NUMBER | {"metavar": "PX", "help": "longest step in a frame"},
     "--memory": _WHOLE | {"metavar": "N", "help": "frames that a track may miss (default: 5)"},
-    "--post-processing": {"action": argparse.BooleanOptionalAction, "help": "join, filter tracks"},
+    "--post-processing": {"action": argparse.BooleanOptionalAction, "help": "default: with depth"},
     "--in-air": _NUMBER | {"metavar": "MM", "dest": "in_air_mm", "help": "from the kiln's axis"},
     "--jobs": _WHOLE | {"default": 1, "help": "processes side by side (default: 1)"},
     "--scheduler": {"metavar": "ADDRESS", "help": "Dask cluster that detects in their place"},

@@ -51,8 +51,8 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
         If it cannot be written, as on a full disk.
     """
     try:
-        stream, path = path.match("/dev/std*"), path.resolve()  # stream: the shell opened it
-        if stream or (path.exists() and not path.is_file() and not path.is_dir()):
+        path = path.resolve()
+        if path.exists() and not path.is_file() and not path.is_dir():
             write(path)
             return
         with TemporaryDirectory(".part", f".{path.name}.", path.parent) as folder:

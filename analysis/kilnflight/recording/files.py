@@ -218,7 +218,7 @@ def open_any(
         path, manifest = Path(source), Path(source).suffix.lower() == ".toml"
         is_there = path.exists() or re.search(r"[*?{\[]", str(path))
         if manifest or not is_there or (path / "zarr.json").is_file():
-            if channel is not None or frame_rate_hz is not None:
+            if is_there and (channel is not None or frame_rate_hz is not None):
                 raise InputError(f"{path}: leave out channel and frame_rate_hz; it states both.")
             return _manifest(path) if manifest else open_recording(path)
         # of a pattern that of its folder
@@ -275,7 +275,7 @@ def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
     fits = array.dtype.kind in "buif" and not np.ma.isMaskedArray(image) and array.shape[-1:] > (4,)
     if array.ndim != 2 or not array.size or not fits or not np.isfinite(array).all():
         kind = f"{array.dtype} of shape {np.shape(image)}"
-        raise InputError(f"{where}: {kind}. Give films of finite (rows, cols) without a mask.")
+        raise InputError(f"{where}: {kind}. Give (frame, row, col), finite, without a mask.")
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 

@@ -94,11 +94,11 @@ def track_detections(
         warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
     deep = "z" in table and bool(table["z"].notna().any())
-    joined = deep if post_processing is None else post_processing
-    motion = ConstantVelocity() if joined and max_step is None else motion_of(table, max_step)
+    refine = deep if post_processing is None else post_processing
+    motion = ConstantVelocity() if refine and max_step is None else motion_of(table, max_step)
     patience = Management(invisible=memory)
     tracks = tracking.track(table, associator, motion, management=patience, progress=progress)
-    return postprocess(tracks) if joined else tracks
+    return postprocess(tracks) if refine else tracks
 
 
 def run_recording(
@@ -128,7 +128,7 @@ def run_recording(
     target = Path(target or f"{recording.attributes.name}-run")
     check_apart(target, source, recording)
     if (target / "tracks.csv").exists() and not (target / "parts").is_dir():
-        raise InputError(f"{target}: has a tracks.csv of another origin. Name another folder.")
+        raise InputError(f"{target}: has a tracks.csv but no parts of a run. Name another folder.")
     stored = recording if isinstance(recording, StoredRecording) else _stored(recording, target)
     kiln_run, rows = prepare(stored, target, given)
     kiln.make_tables([kiln_run], workers, ())
