@@ -164,7 +164,7 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
         shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
-    for name in ("benchmarks", "cost-by-step"):  # of make bench, at one scale
+    for name in ("benchmarks", "cost-by-step", "growth"):  # of make bench, at one scale
         there = (paths.root() / "figures" / f"{name}.csv").is_file()
         text = table(name, paths.root() / "figures") if there else "<p>Not measured here.</p>"
         (pages / "documents" / f"{name}.inc").write_text(text)

@@ -110,6 +110,19 @@ def _see_tube(
     return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
 
 
+@lru_cache(maxsize=1)  # the scenes of a run have the same ones
+def _see_tubes(geometry: Geometry, nozzle_m: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return depth in mm and level over the wall's of lance and burner, (rows, columns) each."""
+    depth, level = (np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0))
+    tubes = (geometry.lance_m, (LANCE_MM, BORE_MM)), (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM))
+    for rows, row, column in _blocks(geometry):
+        for mouth_m, radii in tubes:
+            seen, shade = _see_tube(geometry, mouth_m, radii, row, column)
+            level[rows] = np.where(seen < depth[rows], shade, level[rows])
+            depth[rows] = np.minimum(seen, depth[rows])
+    return depth, level
+
+
 def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float) -> Array:
     """Return three sums of six sines each, of unit spread, at a time."""
     generator = np.random.default_rng([seed, stream])
@@ -172,15 +185,8 @@ class Background:
         return self.geometry.to_kiln(self.geometry.unproject(*pixel, NOZZLE_DEPTH_MM))
 
     def _tubes(self) -> tuple[Array, Array]:
-        """Depth in mm and level over the wall's of lance and burner, (rows, columns) each."""
-        depth, level = (np.full(_depth_mm(self.geometry).shape, value) for value in (np.inf, 0.0))
-        tubes = (self.geometry.lance_m, (LANCE_MM, BORE_MM)), (self.nozzle_m, (TUBE_MM, NOZZLE_MM))
-        for rows, row, column in _blocks(self.geometry):
-            for mouth_m, radii in tubes:
-                seen, shade = _see_tube(self.geometry, mouth_m, radii, row, column)
-                level[rows] = np.where(seen < depth[rows], shade, level[rows])
-                depth[rows] = np.minimum(seen, depth[rows])
-        return depth, level
+        """Depth and level of lance and burner, as `_see_tubes`."""
+        return _see_tubes(self.geometry, tuple(self.nozzle_m.tolist()))
 
     @cached_property
     def solid_mm(self) -> Single:
@@ -218,6 +224,13 @@ class Background:
         down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(row1 - row0, col1 - col0)
         moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(self.seed, 106, (3.0, 17.0), time_s)
         length, width = np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
+        # farther out its share is below what a grey value of 32 bits can hold
+        reach = (1 + 6 * FLAME_EDGE) / 2 * np.hypot(
+            (down * length, over * length), (over * width, down * width)
+        )
+        first = np.array([row0 + down * length / 2, col0 + over * length / 2]) - reach
+        top, left = np.maximum(first.astype(int), (top, left))
+        bottom, right = np.minimum((first + 2 * reach).astype(int) + 2, (bottom, right))
         row = np.arange(top, bottom)[:, None] - row0 - down * length / 2
         column = np.arange(left, right) - col0 - over * length / 2
         along = (row * down + column * over) / (length / 2)

@@ -434,8 +434,8 @@ def _textured(
     score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
     score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
     count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
-    best = np.argpartition(score.reshape(-1), -count)[-count:]
-    return np.sort(best[score.reshape(-1)[best] > 0])
+    least = np.partition(score.reshape(-1), -count)[-count]
+    return np.flatnonzero((score >= least) & (score > 0))
 
 
 def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Single:
