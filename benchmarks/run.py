@@ -27,7 +27,8 @@ def main() -> None:
         "Time of other programs over ours. Median, lowest and highest ratio of five runs in turns "
         "on one core."
     )
-    figures.save("benchmarks", pd.DataFrame(rows, columns=Row._fields), caption=caption, provenance=origin)
+    table = pd.DataFrame(rows, columns=Row._fields)
+    figures.save("benchmarks", table, caption=caption, provenance=origin)
     caption = "Share of each step in the time of combined detection, one core."
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (

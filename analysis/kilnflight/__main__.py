@@ -66,12 +66,11 @@ def _export(options: argparse.Namespace) -> None:
 
 def _preview(options: argparse.Namespace) -> None:
     from kilnflight import run
-    from kilnflight.project.cache import write_whole
 
     options.to = options.to or Path("preview.png")  # before it is opened: it is checked, too
     picture = run.png(run.preview(_opened(options), **_settings(options)))
     options.to.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(options.to, picture)
+    run.write_whole(options.to, picture)
     print(f"three frames with the detections of three thresholds: {options.to}")
 
 

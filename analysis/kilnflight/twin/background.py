@@ -111,7 +111,7 @@ def _see_tube(
 
 
 @lru_cache(maxsize=1)  # the scenes of a run have the same ones
-def _see_tubes(geometry: Geometry, nozzle_m: tuple[float, ...]) -> tuple[Array, Array]:
+def _see_tubes(geometry: Geometry, *nozzle_m: float) -> tuple[Array, Array]:
     """Return depth in mm and level over the wall's of lance and burner, (rows, columns) each."""
     depth, level = (np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0))
     tubes = (geometry.lance_m, (LANCE_MM, BORE_MM)), (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM))
@@ -129,8 +129,7 @@ def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float
     low, high = np.log(limits_hz)
     hertz = np.exp(generator.uniform(low, high, (3, 6)))
     phase = generator.uniform(0, 2 * np.pi, (3, 6))
-    waves = np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1)
-    return np.asarray(waves / np.sqrt(3), dtype=np.float64)
+    return np.asarray(np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1) / np.sqrt(3))
 
 
 @dataclass(frozen=True)
@@ -184,14 +183,10 @@ class Background:
         pixel = top + NOZZLE[0] * (bottom - top), left + NOZZLE[1] * (right - left)
         return self.geometry.to_kiln(self.geometry.unproject(*pixel, NOZZLE_DEPTH_MM))
 
-    def _tubes(self) -> tuple[Array, Array]:
-        """Depth and level of lance and burner, as `_see_tubes`."""
-        return _see_tubes(self.geometry, tuple(self.nozzle_m.tolist()))
-
     @cached_property
     def solid_mm(self) -> Single:
         """Depth of lance and burner, (rows, columns); infinite where there is neither."""
-        return self._tubes()[0].astype(np.float32)
+        return _see_tubes(self.geometry, *self.nozzle_m)[0].astype(np.float32)
 
     @property
     def depth_mm(self) -> Array:
@@ -201,7 +196,8 @@ class Background:
     @cached_property
     def level(self) -> Single:
         """Grey values of wall, plate and tubes, (rows, columns), without flicker and noise."""
-        wall_mm, (tube_mm, shade) = _depth_mm(self.geometry), self._tubes()
+        wall_mm = _depth_mm(self.geometry)
+        tube_mm, shade = _see_tubes(self.geometry, *self.nozzle_m)
         level = np.empty(wall_mm.shape)
         for rows, row, column in _blocks(self.geometry):
             point = self.geometry.to_kiln(self.geometry.unproject(row, column, wall_mm[rows]))
@@ -210,8 +206,7 @@ class Background:
             plate = point[..., 0] <= self.geometry.inlet_m + 0.01
             level[rows] = np.where(plate, PLATE, np.exp(TEXTURE_SD * texture))
         level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
-        place = self.geometry
-        down, over = np.linspace(-1, 1, place.rows), np.linspace(-1, 1, place.columns)
+        down, over = (np.linspace(-1, 1, n) for n in (self.geometry.rows, self.geometry.columns))
         level *= 1.0 - 0.12 * (down[:, None] ** 2 + (4 / 3 * over) ** 2) / 2.78  # vignetting
         blur = self.optics.edge_softness_px
         return cv2.GaussianBlur(level, (0, 0), blur).astype(np.float32)
@@ -225,18 +220,16 @@ class Background:
         moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(self.seed, 106, (3.0, 17.0), time_s)
         length, width = np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
         # farther out its share is below what a grey value of 32 bits can hold
-        reach = (1 + 6 * FLAME_EDGE) / 2 * np.hypot(
-            (down * length, over * length), (over * width, down * width)
-        )
-        first = np.array([row0 + down * length / 2, col0 + over * length / 2]) - reach
-        top, left = np.maximum(first.astype(int), (top, left))
-        bottom, right = np.minimum((first + 2 * reach).astype(int) + 2, (bottom, right))
+        axes = np.array([[down, over], [over, down]]) * [[length / 2], [width / 2]]
+        middle, reach = axes[0] + (row0, col0), (1 + 6 * FLAME_EDGE) * np.hypot(*axes)
+        top, left = np.maximum(middle - reach, (top, left)).astype(int)
+        bottom, right = np.minimum(middle + reach + 2, (bottom, right)).astype(int)
         row = np.arange(top, bottom)[:, None] - row0 - down * length / 2
         column = np.arange(left, right) - col0 - over * length / 2
         along = (row * down + column * over) / (length / 2)
         across = (column * down - row * over) / (width / 2)
-        edge = (np.hypot(along, across) - 1) / FLAME_EDGE
-        share = (1 / (1 + np.exp(np.clip(4 * edge, -50, 50)))).astype(np.float32)
+        edge = 4 * (np.hypot(along, across) - 1) / FLAME_EDGE
+        share = (1 / (1 + np.exp(edge))).astype(np.float32)
         behind = picture[top:bottom, left:right]
         behind += share * (np.float32(FLAME_LEVEL * FULL_SCALE * moves[2]) - behind)
 
