@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
-#:   JOBS=2                                notebooks side by side (up to 3 GB each)
+#:   JOBS=3                                notebooks side by side (up to 3 GB each)
 #:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
@@ -14,7 +14,7 @@ SHELL := /bin/bash
 #:   KILNFLIGHT_FIGURES=folder             instead of figures/ (full) or build/SCALE/figures
 SCALE ?= standard
 PARAMETERS ?=
-JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
+JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n + 1 : 4)))
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
@@ -28,7 +28,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-LONGEST := $(filter $(OUT)/50_% $(OUT)/31_%,$(NOTEBOOKS))
+LONGEST := $(foreach number,50 10 20 31,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.

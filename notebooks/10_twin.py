@@ -89,7 +89,7 @@ reached
 
 # %%
 reduced = {"quick": "quick", "standard": "quick", "full": "standard"}[scale]
-scenarios = list(sensitivity.CHANGES)[: None if scale == "full" else 2]
+scenarios = list(sensitivity.CHANGES)[: {"quick": 1, "standard": 2}.get(scale)]
 changed = sensitivity.sensitivity(reduced, seed, jobs, scenarios)
 caption = (
     "F1 of SIFT with DBSCAN, alpha of GNN with post-processing, biases of dwell time and of the "

@@ -29,7 +29,6 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
 from scipy.linalg import toeplitz
 from scipy.spatial import cKDTree
 from scipy.special import gammainc
@@ -81,6 +80,8 @@ class Motion:
 
     def process_noise(self, frames: float) -> Array:
         """Return the covariance Q (k, k) of the white noise over a number of frames."""
+        from filterpy.common import Q_continuous_white_noise  # it imports matplotlib and more
+
         order, axes, density = len(self.spreads), len(self.velocity), self.noise**2
         noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
         return np.asarray(noise, dtype=np.float64)

@@ -123,6 +123,22 @@ def _see_tubes(geometry: Geometry, *nozzle_m: float) -> tuple[Array, Array]:
     return depth, level
 
 
+@lru_cache(maxsize=1)
+def _edges(rows: int, columns: int, edge_px: int) -> Single:
+    """Return the relative strength of the micro-lens artefacts, (rows, columns).
+
+    They are a hexagonal pattern at the border.
+    """
+    row, column = np.ogrid[:rows, :columns]
+    near = np.minimum(row, rows - 1 - row)
+    inside = np.minimum(near, np.minimum(column, columns - 1 - column))
+    k = 2 * np.pi / 23.0  # px between micro-lens images
+    pattern = sum(
+        np.cos(k * (c * column + s * row)) for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
+    )
+    return np.asarray(np.clip(1 - inside / edge_px, 0, 1) * pattern / 3, np.float32)
+
+
 def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float) -> Array:
     """Return three sums of six sines each, of unit spread, at a time."""
     generator = np.random.default_rng([seed, stream])
@@ -157,20 +173,6 @@ class Background:
         generator = np.random.default_rng([self.seed, 101])
         fields = [generator.normal(size=(cells, cells)) for cells, _ in TEXTURE]
         return [np.pad(field.astype(np.float32), 2, mode="wrap") for field in fields]
-
-    @cached_property
-    def _edges(self) -> Single:
-        """Relative strength of the micro-lens artefacts, a hexagonal pattern at the border."""
-        size = self.geometry.rows, self.geometry.columns
-        row, column = np.ogrid[: size[0], : size[1]]
-        near = np.minimum(row, size[0] - 1 - row)
-        inside = np.minimum(near, np.minimum(column, size[1] - 1 - column))
-        k = 2 * np.pi / 23.0  # px between micro-lens images
-        pattern = sum(
-            np.cos(k * (c * column + s * row)) for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
-        )
-        strength = np.clip(1 - inside / self.surroundings.edge_px, 0, 1) * pattern / 3
-        return np.asarray(strength, np.float32)
 
     def common(self, time_s: float) -> float:
         """Return the relative brightness of the whole picture, about 1."""
@@ -271,8 +273,9 @@ class Background:
         artefacts = np.float32(EDGE_STRENGTH * self.common(2 * time_s))
         edge = self.surroundings.edge_px
         middle = slice(edge, -edge)
+        edges = _edges(*picture.shape, edge)
         for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
-            picture[strip] *= 1 + self._edges[strip] * artefacts
+            picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
         self._burn(picture, time_s)
         return picture

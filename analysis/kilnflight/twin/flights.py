@@ -205,10 +205,13 @@ def _paths(law: Law, count: int, geometry: Geometry, generator: np.random.Genera
 
 def _ended(flights: Flights, geometry: Geometry) -> Flights:
     """Return flights with the time and kind of their end, interpolated on a grid."""
-    time = np.arange(0.0, LONGEST_S + GRID_S / 2, GRID_S)[:, None] + np.zeros(len(flights.v0))
-    place = flights.position(time)
-    radius = geometry.kiln_radius_mm / 1000.0
-    over = np.stack([np.hypot(*place[..., 1:].T).T - radius, place[..., 0] - geometry.outlet_m])
+    moments, fly = np.arange(round(LONGEST_S / GRID_S) + 1)[:, None], np.arange(len(flights.v0))
+    over = np.full((2, len(moments), len(fly)), -np.inf)  # of wall and outlet
+    for some in np.array_split(moments, 20):  # of the particles that still fly
+        place = flights.take(fly).position(GRID_S * some + np.zeros(len(fly)))
+        beyond = np.hypot(*place[..., 1:].T).T - geometry.kiln_radius_mm / 1000.0
+        over[:, some, fly] = beyond, place[..., 0] - geometry.outlet_m
+        fly = fly[(over[:, some[-1], fly] < 0).all(axis=0)]
     ends = []
     for beyond in over:
         after = np.argmax(beyond >= 0, axis=0)
@@ -216,11 +219,9 @@ def _ended(flights: Flights, geometry: Geometry) -> Flights:
         high, low = beyond[after, rows], beyond[np.maximum(after - 1, 0), rows]
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.where(after > 0, low / (low - high), 0.0)
-        found = (after - 1 + share) * GRID_S
-        ends.append(np.where((beyond >= 0).any(axis=0), found, np.inf))
-    landing, leaving = ends
-    end_s = np.minimum(np.minimum(landing, leaving), LONGEST_S)
-    kind = np.where(end_s < LONGEST_S, np.where(landing <= leaving, LANDED, LEFT), FLYING)
+        ends.append(np.where((beyond >= 0).any(axis=0), (after - 1 + share) * GRID_S, np.inf))
+    end_s = np.minimum(np.min(ends, axis=0), LONGEST_S)
+    kind = np.where(end_s < LONGEST_S, np.where(ends[0] <= ends[1], LANDED, LEFT), FLYING)
     return flights._replace(end_s=end_s, end=kind)
 
 
