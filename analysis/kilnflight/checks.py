@@ -30,9 +30,9 @@ class InputError(ValueError):
 
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
-    """Raise an `InputError` unless ``table`` has all ``columns``."""
+    """Raise an `InputError` unless ``table`` is a table with ``columns``, each of one name."""
     if not hasattr(held := getattr(table, "columns", None), "nlevels") or hasattr(held, "levels"):
-        raise InputError(f"{where}: {type(table).__name__}; pass a DataFrame with flat columns.")
+        raise InputError(f"{where}: {type(table).__name__} without plain columns; give a table.")
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(map(str, table.columns)) or "none"
         raise InputError(
@@ -77,7 +77,7 @@ def check_finite(
     """Return ``values`` as float64, or raise an `InputError`.
 
     They have ``shape`` (None: any length or, alone, any shape); an empty list has it, too. With
-    ``gaps`` NaN is allowed. Infinity is not, nor what is not below ``most``: its square is.
+    ``gaps`` NaN is allowed. Infinity is not, nor a size of ``most`` or more: squares stay finite.
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
     if shape is not None:

@@ -29,7 +29,6 @@ FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
 AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 TRIPLES = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
 LONGEST_S = 1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
-FARTHEST_MM = 1e100  # squares stay finite
 GRID = 65  # values of t0 on the grid that is searched downhill
 DENSE = 0.1  # of the duration after the first detection; steps grow with the distance from it
 SHORTEST = 1e-6  # of the duration, from t0 to the first detection
@@ -419,8 +418,6 @@ def _located(tracks: pd.DataFrame, rate_hz: float | None, where: str) -> Iterato
     check_columns(tracks, ("particle", clock, *AXES), where)
     rows, particle, moment = order_tracks(tracks, where, clock)
     places = PLACES.check(tracks, where).to_numpy()
-    if (np.abs(places) > FARTHEST_MM).any():
-        raise InputError(f"{where}: x, y, z beyond {FARTHEST_MM:g} mm. Use NaN where unknown.")
     time, places = moment.astype(np.float64) / rate, places[rows]
     names, starts = np.unique(particle, return_index=True)
     for name, part in zip(names, np.split(np.arange(len(rows)), starts[1:]), strict=False):

@@ -14,8 +14,11 @@ from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth
 from kilnflight.experiments.plate import DOT_MM, PITCH_MM, captured_mm, see_plate
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import scenes, truth
+from kilnflight.twin.background import Background, Surroundings
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.lenses import LensCamera, LensWall
+from kilnflight.twin.light import Optics
 
 PLACE = Geometry()
 
@@ -95,6 +98,15 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
     kept = scenes.cached_scene(name)
     same_frame(kept.frame(205), first.frame(205))
     pd.testing.assert_frame_equal(truth.marked(kept, [201]), truth.marked(first, [201]))
+
+
+def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contrast():
+    # with this seed two pixels at the limit are equal
+    camera, surroundings = LensCamera(), Surroundings()
+    background = Background(Geometry(), Optics(), surroundings, 23)
+    wall = LensWall.of(camera, background, Optics(), surroundings.edge_px, 23)
+    assert len(wall.index) == int(camera.wall_points / camera.kept_per_frame)
+    assert (np.diff(wall.index) > 0).all()
 
 
 def test_the_lance_is_seen_at_its_published_pixel_and_every_ray_meets_wall_or_plate():

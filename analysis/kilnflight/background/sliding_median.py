@@ -25,7 +25,7 @@ from kilnflight.background.frames import HeldFrames, surrounding
 Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
 MEDIAN_CHUNK = 32  # frames; longer saves little time and holds one more frame each
 _BAND = 16_384  # pixels of all frames that are copied side by side
-_TILE = 1024  # pixels; some 180 slots of 16 bit fill a second-level cache of 512 KiB
+_TILE = 1024  # pixels; some 125 slots of 16 bit take half of a second-level cache of 512 KiB
 _LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)
 # Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.
@@ -178,10 +178,11 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
 def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any) -> None:
     """Run a program on a band of p pixels and write the medians into ``out``.
 
-    ``table`` (n, 6) is from `_program`, and ``scratch`` has a row of `_TILE` pixels more than
-    slots. ``pixels`` (f, p) is the band in the f frames of the chunk. ``frames`` (outputs,) are the
-    rows of ``pixels`` whose medians are wanted. The band begins at pixel ``start`` of ``out``
-    (outputs, all pixels). Tiles keep the scratch memory in the processor's cache.
+    ``table`` (n, 6) is from `_program`, and ``scratch`` has more rows of `_TILE` pixels than
+    there are slots. ``pixels`` (f, p) is the band in the f frames of the chunk. ``frames``
+    (outputs,) are the rows of ``pixels`` whose medians are wanted. The band begins at pixel
+    ``start`` of ``out`` (outputs, all pixels). Tiles keep the scratch memory in the processor's
+    cache.
 
     Numbers are unsigned, as negative ones would have to be tested; rows are no slices, whose
     owners are counted. Both take longer than the comparisons of a tile.

@@ -21,7 +21,6 @@ from kilnflight.checks import InputError, check_finite, check_number
 
 NOISE = -1
 _LARGEST = 2_000_000  # cells per axis whose numbers fit 63 bits and whose borders stay exact
-_FARTHEST = 1e100  # mm; squares of distances stay finite
 _BITS = 13  # of a key per pass of the radix sort
 _REACH = 2  # cells between points that are within eps
 
@@ -29,13 +28,10 @@ _REACH = 2  # cells between points that are within eps
 def check_points_mm(points: npt.ArrayLike, where: str) -> Array:
     """Return points (n, 3) in mm as contiguous float64.
 
-    An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or beyond
+    An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or as far as
     1e100 mm, raise an `InputError`; ``where`` begins its message.
     """
-    cloud = check_finite(points, where, (None, 3))
-    if cloud.size and max(cloud.max(), -cloud.min()) > _FARTHEST:
-        raise InputError(f"{where}: coordinates beyond {_FARTHEST:g} mm. Remove such points.")
-    return cloud
+    return check_finite(points, where, (None, 3))
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,8 @@ class Joining(PathStep):
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the pairs near enough in time that hold a changed tracklet (m,).
 
-        Their cost (p,) is here the gap in frames; 0 or less means that they overlap.
+        Left out are overlapping ones that Eq. 4.21 forbids at a glance. Their cost (p,) is here
+        the gap in frames; 0 or less means that they overlap.
         """
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
@@ -157,8 +158,8 @@ class Joining(PathStep):
         i, k = np.where(swapped, other, one), np.where(swapped, one, other)
         taken = (changed[there[i]] | changed[there[k]]) & (self.nested | (last[k] > last[i]))
         i, k = i[taken], k[taken]
-        # Of two that overlap, not with more common frames than Eq. 4.21 allows, as few are
-        # missing, and not without points near each other.
+        # Overlapping ones share at least the overlap less the frames that both miss, and are at
+        # least as far apart as their boxes.
         missing = last - first + 1 - np.diff(paths.starts)[there]
         common = np.minimum(last[i], last[k]) - first[k] + 1 - missing[i] - missing[k]
         low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])

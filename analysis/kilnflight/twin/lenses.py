@@ -79,8 +79,7 @@ class LensCamera:
 
         Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation does.
         """
-        depth = np.asarray(true_mm, dtype=np.float64)
-        return np.asarray(np.interp(depth, *_inverse_of_equation_2_4()))
+        return np.asarray(np.interp(np.asarray(true_mm, np.float64), *_inverse_of_equation_2_4()))
 
     def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths.
@@ -186,8 +185,7 @@ def measure_contrast(
     """
     wanted = np.ones(lattice.blocks, np.uint8)
     if asked is not None:
-        lens = np.ones((BLOCKS, BLOCKS), np.uint8)
-        wanted = np.asarray(cv2.dilate(asked.astype(np.uint8), lens))
+        wanted = np.asarray(cv2.dilate(asked.astype(np.uint8), np.ones((BLOCKS, BLOCKS), np.uint8)))
     of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
     mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
     variance = np.maximum(square - mean * mean, 0.0)
@@ -434,8 +432,11 @@ def _textured(
     score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
     score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
     count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
-    least = np.partition(score.reshape(-1), -count)[-count]
-    return np.flatnonzero((score >= least) & (score > 0))
+    score = score.reshape(-1)
+    best = np.flatnonzero(score >= np.partition(score, -count)[-count])
+    # of equal ones the first
+    best = np.sort(best[np.argsort(-score[best], kind="stable")[:count]])
+    return best[score[best] > 0]
 
 
 def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Single:
