@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
-#:   JOBS=3                                notebooks side by side (up to 3 GB each)
+#:   JOBS=3                                notebooks side by side (2 GB each; make full: 6 GB)
 #:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
@@ -14,7 +14,8 @@ SHELL := /bin/bash
 #:   KILNFLIGHT_FIGURES=folder             instead of figures/ (full) or build/SCALE/figures
 SCALE ?= standard
 PARAMETERS ?=
-JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n + 1 : 4)))
+# Notebooks often wait for a kernel: one more than cores, but not where each fills the memory.
+JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n + $(if $(filter full,$(SCALE) $(MAKECMDGOALS)),0,1) : 4)))
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
