@@ -104,7 +104,7 @@ def rows() -> list[Row]:
         against("trackpy.link", with_trackpy, 1000, 60),
         against("trackpy.link", with_trackpy, 100, 600),
         campaign(),
-        against("laptrack", with_laptrack, 100, 60),
-        against("laptrack", with_laptrack, 20, 600),
+        against("laptrack", with_laptrack, 1000, 60),
+        against("laptrack", with_laptrack, 100, 600),
         against("Stone Soup, GNNWith2DAssignment", with_stone_soup, 20, 60),
     ]

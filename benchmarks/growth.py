@@ -119,7 +119,10 @@ def workers(count: int) -> float:
         write_recording(replay(CHUNK * PIECES), folder / "film.zarr")
         moved = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / PIECES
         with LocalCluster(
-            count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            n_workers=count,
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
         ) as cluster:
             finish = Workers(scheduler=cluster.scheduler_address)
             finish(Chunk(folder, 2), pieces, [2] * PIECES, "compiles")
