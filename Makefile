@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
-#:   JOBS=3                                notebooks side by side (2 GB each; make full: 6 GB)
+#:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB)
 #:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
