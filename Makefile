@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-LONGEST := $(foreach number,50 10 20 31,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+LONGEST := $(foreach number,50 10 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.
