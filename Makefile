@@ -58,7 +58,7 @@ faults: $(VENV)/installed ## try some 10,000 faults of input, and count what bec
 check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports
 	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)
-bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
+bench: $(VENV)/installed ## measure speed against peers, and growth, into figures/ (20 minutes)
 	@$(RUN) benchmarks/run.py
 dist: $(VENV)/installed ## build wheel and source archive, into dist/
 	@rm -rf dist build/lib && $(RUN) -c "from setuptools import build_meta as b; b.build_sdist('dist'), b.build_wheel('dist')" > /dev/null

@@ -1,11 +1,12 @@
 """How time and memory grow with frames, points and detections, and with Dask workers.
 
-Each measurement is a process of its own: ``python benchmarks/growth.py frames 300`` prints seconds
-and the peak of memory. ``table`` makes figures/growth.csv of them, without absolute times.
+Each measurement is a process of its own, run once: ``python benchmarks/growth.py frames 300``
+prints what it found as JSON. ``table`` makes figures/growth.csv of them, without absolute times.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import subprocess
@@ -16,10 +17,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 from bench_clustering import PARTICLES, WALL, surface
 from bench_tracking import recording
+from measure import share_of_links
 
 from kilnflight import kiln
 from kilnflight.detection import DoG
@@ -44,7 +47,7 @@ DETECTOR = Combination(DoG(283.0))
 
 @dataclass(frozen=True)
 class Replay:
-    """Some frames of the twin, held in memory and shown again and again."""
+    """Some frames of the twin, shown again and again; each reader gets a copy, as from a disk."""
 
     frames: tuple[Frame, ...]
     attributes: Attributes
@@ -54,10 +57,11 @@ class Replay:
         return self.length
 
     def frame(self, t: int) -> Frame:
-        return replace(self.frames[t % HELD], index=t, time_s=t / self.attributes.frame_rate_hz)
+        time_s = t / self.attributes.frame_rate_hz
+        return replace(self.frames[t % HELD], index=t, time_s=time_s, gray=self.gray(t))
 
     def gray(self, t: int) -> np.ndarray:
-        return self.frames[t % HELD].gray
+        return self.frames[t % HELD].gray.copy()
 
 
 def replay(length: int) -> Replay:
@@ -73,25 +77,26 @@ def seconds(run: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def frames(count: int) -> float:
+def frames(count: int) -> dict[str, float]:
     """Return the seconds from frames to tracks."""
     film = replay(count)
     kiln.detect_frames(film, [9], DETECTOR)  # compiles
-    return seconds(lambda: postprocess(track(kiln.detect_frames(film, range(count), DETECTOR))))
+    run = lambda: postprocess(track(kiln.detect_frames(film, range(count), DETECTOR)))  # noqa: E731
+    return {"seconds": seconds(run)}
 
 
-def points(count: int) -> float:
+def points(count: int) -> dict[str, float]:
     """Return the seconds of both passes of DBSCAN over a wall that grows with its points."""
     cloud = surface(count)
     WALL(cloud), PARTICLES(cloud)
-    return min(seconds(lambda: (WALL(cloud), PARTICLES(cloud))) for _ in range(5))
+    return {"seconds": min(seconds(lambda: (WALL(cloud), PARTICLES(cloud))) for _ in range(5))}
 
 
-def detections(count: int) -> float:
-    """Return the seconds to link 20 frames, all of the same size."""
+def detections(count: int) -> dict[str, float]:
+    """Return the seconds to link 20 frames, all of the same size, and the share of right links."""
     table = recording(20, count)
-    track(table)
-    return min(seconds(lambda: track(table)) for _ in range(3))
+    right = share_of_links(table, track(table)["particle"].to_numpy())
+    return {"seconds": min(seconds(lambda: track(table)) for _ in range(3)), "right_links": right}
 
 
 @dataclass(frozen=True)
@@ -107,17 +112,24 @@ class Chunk:
         table.to_parquet(self.folder / f"{start}.parquet")
 
 
-def workers(count: int) -> float:
+def workers(count: int) -> dict[str, float]:
     """Return the seconds of a chunk of 100 frames when so many workers share some.
 
-    It also prints how many workers the scheduler, and a network of `NETWORK`, keep at work.
+    And how many workers a network of `NETWORK` keeps at work. A chunk reads the pictures of the
+    median's window, too.
     """
-    from distributed import Client, LocalCluster
+    from distributed import LocalCluster
 
     with tempfile.TemporaryDirectory() as name:
         folder, pieces = Path(name), [CHUNK * k for k in range(PIECES)]
-        write_recording(replay(CHUNK * PIECES), folder / "film.zarr")
-        moved = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / PIECES
+        film = folder / "film.zarr"
+        write_recording(replay(CHUNK * PIECES), film)
+        pictures, whole = (
+            sum(path.stat().st_size for path in there.rglob("*") if path.is_file())
+            for there in (film / "gray", film)
+        )
+        read = sum(min(k + CHUNK + 75, CHUNK * PIECES) - max(k - 75, 0) for k in pieces)
+        moved = whole / PIECES + pictures * (read / (CHUNK * PIECES) - 1) / PIECES
         with LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -126,13 +138,9 @@ def workers(count: int) -> float:
         ) as cluster:
             finish = Workers(scheduler=cluster.scheduler_address)
             finish(Chunk(folder, 2), pieces, [2] * PIECES, "compiles")
-            make = Chunk(folder, CHUNK)
-            whole = seconds(lambda: finish(make, pieces, [CHUNK] * PIECES, "chunks"))
-            with Client(cluster) as client:
-                idle = seconds(lambda: client.gather(client.map(abs, range(-2000, 0)))) / 2000
-    each = whole * count / PIECES
-    print(each / idle, each / (moved / NETWORK))
-    return whole / PIECES
+            spent = seconds(lambda: finish(Chunk(folder, CHUNK), pieces, [CHUNK] * PIECES, "all"))
+    busy = spent * count / PIECES / (moved / NETWORK)
+    return {"seconds": spent / PIECES, "workers_of_the_network": round(busy)}
 
 
 def table() -> pd.DataFrame:
@@ -142,30 +150,23 @@ def table() -> pd.DataFrame:
         for size in sizes:
             command = [sys.executable, __file__, unit, str(size)]
             done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-            *kept, spent, peak = map(float, done.stdout.split())
-            each = spent if unit == "workers" else spent / size
+            row = {"unit": unit, "size": size} | json.loads(done.stdout)
+            print(row, flush=True)
+            each = row.pop("seconds") / (1 if unit == "workers" else size)
             first = each if size == sizes[0] else first
-            memory = np.nan if unit == "workers" else peak  # theirs is not that of this process
-            rows.append((unit, size, each / first, memory, *(kept or 2 * [np.nan])))
-            print(
-                f"{unit}, {size}: {spent:.2f} s, {each / first:.2f} of the first each", flush=True
-            )
-    columns = [
-        "unit",
-        "size",
-        "time_of_one",
-        "peak_mib",
-        "workers_by_scheduler",
-        "workers_by_network",
-    ]
-    return pd.DataFrame(rows, columns=columns).round(
-        {"peak_mib": -1, **dict.fromkeys(columns[4:], 0)}
-    )
+            if unit == "workers":  # their memory is not that of this process
+                row |= {"speed_up": round(first / each, 2), "peak_memory_mib": np.nan}
+            else:
+                row["relative_time"] = round(each / first, 2)
+            rows.append(row)
+    columns = ["unit", "size", "relative_time", "peak_memory_mib", "right_links", "speed_up"]
+    return pd.DataFrame(rows)[[*columns, "workers_of_the_network"]]
 
 
 if __name__ == "__main__":
-    spent = globals()[sys.argv[1]](int(sys.argv[2]))
+    cv2.setNumThreads(1)
+    found = globals()[sys.argv[1]](int(sys.argv[2]))
     # of this program alone: ru_maxrss begins with the peak of the one that started it
-    print(
-        spent, int(re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[0]) / 1024
-    )
+    peak = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[0]
+    found["right_links"] = round(found.get("right_links", np.nan), 3)
+    print(json.dumps(found | {"peak_memory_mib": round(int(peak) / 1024, -1)}))

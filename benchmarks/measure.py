@@ -1,4 +1,4 @@
-"""Time ours and a peer in the same run, on links that are right."""
+"""Time ours and a peer in the same run; check the links of trackers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run every benchmark of this folder; write figures/benchmarks.csv and figures/growth.csv."""
+"""Run every benchmark; write benchmarks.csv, cost-by-step.csv and growth.csv into figures/."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def main() -> None:
     caption = "Share of each step in the time of combined detection, one core."
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
-        "Time for one frame, point, detection or chunk by that of the smallest size. 1 is linear "
-        "growth. Two workers of Dask halve the time of a chunk at best; the last columns say how "
-        "many workers its scheduler, or a network of 1 GB/s, keep at work."
+        "Time for one frame, point or detection over that of the smallest size, and the peak of "
+        "memory; each run once. Workers of Dask: speed-up over one, and how many of them a network "
+        "of 1 GB/s keeps busy."
     )
     figures.save("growth", growth.table(), caption=caption, provenance=origin)
 

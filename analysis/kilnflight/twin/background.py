@@ -221,7 +221,7 @@ class Background:
         down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(row1 - row0, col1 - col0)
         moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(self.seed, 106, (3.0, 17.0), time_s)
         length, width = np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
-        # farther out its share is less than a grey value of 32 bits resolves (above some tens)
+        # farther out it adds less than 32 bits resolve at grey values above 64
         axes = np.array([[down, over], [over, down]]) * [[length / 2], [width / 2]]
         middle, reach = axes[0] + (row0, col0), (1 + 6 * FLAME_EDGE) * np.hypot(*axes)
         top, left = np.maximum(middle - reach, (top, left)).astype(int)
