@@ -81,8 +81,11 @@ def frames(count: int) -> dict[str, float]:
     """Return the seconds from frames to tracks."""
     film = replay(count)
     kiln.detect_frames(film, [9], DETECTOR)  # compiles
-    run = lambda: postprocess(track(kiln.detect_frames(film, range(count), DETECTOR)))  # noqa: E731
-    return {"seconds": seconds(run)}
+
+    def tracks() -> object:
+        return postprocess(track(kiln.detect_frames(film, range(count), DETECTOR)))
+
+    return {"seconds": seconds(tracks)}
 
 
 def points(count: int) -> dict[str, float]:
@@ -115,8 +118,8 @@ class Chunk:
 def workers(count: int) -> dict[str, float]:
     """Return the seconds of a chunk of 100 frames when so many workers share some.
 
-    And how many workers a network of `NETWORK` keeps at work. A chunk reads the pictures of the
-    median's window, too.
+    Of one worker also how many like it a network of `NETWORK` keeps busy. A chunk reads the
+    pictures of the median's window, too.
     """
     from distributed import LocalCluster
 
@@ -139,8 +142,9 @@ def workers(count: int) -> dict[str, float]:
             finish = Workers(scheduler=cluster.scheduler_address)
             finish(Chunk(folder, 2), pieces, [2] * PIECES, "compiles")
             spent = seconds(lambda: finish(Chunk(folder, CHUNK), pieces, [CHUNK] * PIECES, "all"))
-    busy = spent * count / PIECES / (moved / NETWORK)
-    return {"seconds": spent / PIECES, "workers_of_the_network": round(busy)}
+    spent /= PIECES
+    busy = round(spent / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
+    return {"seconds": spent, "workers_at_1_gb_s": busy}
 
 
 def table() -> pd.DataFrame:
@@ -151,7 +155,7 @@ def table() -> pd.DataFrame:
             command = [sys.executable, __file__, unit, str(size)]
             done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
             row = {"unit": unit, "size": size} | json.loads(done.stdout)
-            print(row, flush=True)
+            print(f"{unit}, {size}: {row['seconds']:.3g} s", flush=True)
             each = row.pop("seconds") / (1 if unit == "workers" else size)
             first = each if size == sizes[0] else first
             if unit == "workers":  # their memory is not that of this process
@@ -160,7 +164,7 @@ def table() -> pd.DataFrame:
                 row["relative_time"] = round(each / first, 2)
             rows.append(row)
     columns = ["unit", "size", "relative_time", "peak_memory_mib", "right_links", "speed_up"]
-    return pd.DataFrame(rows)[[*columns, "workers_of_the_network"]]
+    return pd.DataFrame(rows)[[*columns, "workers_at_1_gb_s"]]
 
 
 if __name__ == "__main__":

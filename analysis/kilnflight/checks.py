@@ -30,9 +30,10 @@ class InputError(ValueError):
 
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
-    """Raise an `InputError` unless ``table`` is a table with ``columns``, each of one name."""
+    """Raise an `InputError` unless ``table`` is a DataFrame with ``columns``, each once."""
     if not hasattr(held := getattr(table, "columns", None), "nlevels") or hasattr(held, "levels"):
-        raise InputError(f"{where}: {type(table).__name__} without plain columns; give a table.")
+        kind = type(table).__name__
+        raise InputError(f"{where}: {kind}. Pass a DataFrame with one level of column names.")
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(map(str, table.columns)) or "none"
         raise InputError(

@@ -94,11 +94,11 @@ def track_detections(
         warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
     deep = "z" in table and bool(table["z"].notna().any())
-    refine = deep if post_processing is None else post_processing
-    motion = ConstantVelocity() if refine and max_step is None else motion_of(table, max_step)
+    processed = deep if post_processing is None else post_processing
+    motion = ConstantVelocity() if processed and max_step is None else motion_of(table, max_step)
     patience = Management(invisible=memory)
     tracks = tracking.track(table, associator, motion, management=patience, progress=progress)
-    return postprocess(tracks) if refine else tracks
+    return postprocess(tracks) if processed else tracks
 
 
 def run_recording(

@@ -112,7 +112,10 @@ def _see_tube(
 
 @lru_cache(maxsize=1)  # the scenes of a run have the same ones
 def _see_tubes(geometry: Geometry, *nozzle_m: float) -> tuple[Array, Array]:
-    """Return depth in mm and level over the wall's of lance and burner, (rows, columns) each."""
+    """Return depth in mm and level over the wall's of lance and burner, (rows, columns) each.
+
+    The mouth of the burner is at ``nozzle_m`` (3,) in kiln coordinates.
+    """
     depth, level = (np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0))
     tubes = (geometry.lance_m, (LANCE_MM, BORE_MM)), (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM))
     for rows, row, column in _blocks(geometry):

@@ -205,13 +205,13 @@ def _paths(law: Law, count: int, geometry: Geometry, generator: np.random.Genera
 
 def _ended(flights: Flights, geometry: Geometry) -> Flights:
     """Return flights with the time and kind of their end, interpolated on a grid."""
-    moments, fly = np.arange(round(LONGEST_S / GRID_S) + 1)[:, None], np.arange(len(flights.v0))
-    over = np.full((2, len(moments), len(fly)), -np.inf)  # of wall and outlet
-    for some in np.array_split(moments, 20):  # of the particles that still fly
-        place = flights.take(fly).position(GRID_S * some + np.zeros(len(fly)))
+    moments, aloft = np.arange(round(LONGEST_S / GRID_S) + 1)[:, None], np.arange(len(flights.v0))
+    over = np.full((2, len(moments), len(aloft)), -np.inf)  # of wall and outlet
+    for some in np.array_split(moments, 20):  # of the particles that still aloft
+        place = flights.take(aloft).position(GRID_S * some + np.zeros(len(aloft)))
         beyond = np.hypot(*place[..., 1:].T).T - geometry.kiln_radius_mm / 1000.0
-        over[:, some, fly] = beyond, place[..., 0] - geometry.outlet_m
-        fly = fly[(over[:, some[-1], fly] < 0).all(axis=0)]
+        over[:, some, aloft] = beyond, place[..., 0] - geometry.outlet_m
+        aloft = aloft[(over[:, some[-1], aloft] < 0).all(axis=0)]
     ends = []
     for beyond in over:
         after = np.argmax(beyond >= 0, axis=0)
