@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers
 from kilnflight.camera import inside
-from kilnflight.checks import check_finite, check_number
+from kilnflight.checks import check_finite, check_number, check_shape
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
 NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 calls it
@@ -46,9 +46,12 @@ def rates(
     >>> rates(3256, 76, 1131).round(4).loc[0].tolist()
     [0.9772, 0.7422, 0.8436]
     """
-    given = true_positives, false_positives, false_negatives
-    shape = np.shape(true_positives) if np.ndim(true_positives) == 0 else (np.size(true_positives),)
-    tp, fp, fn = (np.atleast_1d(check_finite(each, "rates: counts", shape)) for each in given)
+    tp = np.atleast_1d(check_finite(true_positives, "rates: counts"))
+    check_shape(tp, (None,), "rates: counts")
+    fp, fn = (
+        np.atleast_1d(check_finite(counts, "rates: counts", np.shape(true_positives)))
+        for counts in (false_positives, false_negatives)
+    )
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
     return pd.DataFrame({name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()})
 
