@@ -164,7 +164,7 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     along = ((high - low) / side).astype(np.int64) + 1 + _REACH
     row, layer = int(along[2]), int(along[1] * along[2])
     keys, order = _radix_sort(_number(points, low, side, layer, row), layer * int(along[0]))
-    starts = np.flatnonzero(np.diff(keys, prepend=-1))
+    starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()
     nearest = np.argsort(np.add.outer(around**2, around**2).ravel(), kind="stable")

@@ -166,8 +166,9 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
-    detector, subtracted = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
-    frames = DetectionRun(source, first, stop, detector, subtracted)
+    # in thirds: each chunk renders the median's window first, 150 frames
+    detector, thirds = Combination(DoG(settings.threshold)), max(kiln.CHUNK_FRAMES, -(-stop // 3))
+    frames = DetectionRun(source, first, stop, detector, BACKGROUNDS[scale], thirds)
     exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)
     sheet = FRACTIONS[twin.scene.fraction].sheet  # the test of grey values is for papers (5.3.2)
     rules = Rules(ignition=Ignition() if sheet else None)

@@ -91,7 +91,7 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
         raise InputError(f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters.")
     if isinstance(measured, pd.Series):
         measured = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
-    text = f"{measured:.4g}" if isinstance(measured, float) else str(measured)
+    text = f"{measured:.4g}".replace("nan", "-") if isinstance(measured, float) else str(measured)
     short = text if len(text) <= MEASURED else text[: MEASURED - 3] + "..."
     verdict = OPEN if holds is None else REPRODUCED if holds else NOT_REPRODUCED
     cause = str(claims["cause"].fillna("")[claim_id]) if verdict == NOT_REPRODUCED else ""
