@@ -45,6 +45,7 @@ def test_what_is_written_comes_back(small, target, same_frame, monkeypatch, chun
     part = write_recording(small, target.with_name("part"), frames=range(2, 4))
     same_frame(part.frame(0), small.frame(2))
     assert len(part) == 2
+    (target / "gray/.DS_Store").write_text("left by a file browser")
     assert part.content() != stored.content() == open_recording(target).content()
 
 

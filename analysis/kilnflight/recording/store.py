@@ -95,7 +95,7 @@ class StoredRecording:
         for values in self.per_frame.values():
             digest.update(values.tobytes())
         for name in KINDS:  # a missing chunk is reported when it is read
-            for path in sorted(p for p in (self.path / name).rglob("*") if p.is_file()):
+            for path in sorted(p for p in (self.path / name).rglob("[!.]*") if p.is_file()):
                 with path.open("rb") as file:
                     end = file.seek(max(path.stat().st_size - 4096, 0))
                     digest.update(f"{path.relative_to(self.path)} {end} ".encode() + file.read())
