@@ -33,7 +33,7 @@ from kilnflight.arrays import Array, Index, Integers, Single
 from kilnflight.camera import inside
 from kilnflight.checks import check_number
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
-from kilnflight.detection.peaks import Evidence, smoothed
+from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.tables import DETECTIONS
 
 MARGIN_PX = 3  # widens every area, so that its border shows what surrounds the particle; ours
@@ -129,34 +129,6 @@ def potential_particles(
     for first, middle, end in np.stack([last - sizes, last - later, last], axis=1).tolist():
         case = _CASES[min(middle - first, 2), min(end - middle, 2)]
         yield case, order[first:middle], order[middle:end] - spots
-
-
-def disc_pixels(
-    discs: Array, smallest: float, shape: tuple[int, ...]
-) -> tuple[Index, Index, Index]:
-    """Return disc, row and column (m,) of each pixel within a disc.
-
-    Parameters
-    ----------
-    discs
-        (n, 3) row, column and radius in px.
-    smallest
-        Least radius in px; smaller discs get it.
-    shape
-        Rows and columns of the image.
-    """
-    center, radius = discs[:, :2], np.maximum(discs[:, 2:], smallest)
-    low = np.maximum(np.ceil(center - radius), 0).astype(np.intp)
-    high = np.minimum(np.floor(center + radius) + 1, shape).astype(np.intp)
-    height, width = np.maximum(high - low, 0).T
-    size = height * width
-    disc = np.repeat(np.arange(len(discs)), size)
-    inner = np.arange(len(disc)) - np.repeat(np.cumsum(size) - size, size)
-    row, col = np.divmod(inner, width[disc])
-    row, col = row + low[disc, 0], col + low[disc, 1]
-    squares = (row - center[disc, 0]) ** 2 + (col - center[disc, 1]) ** 2
-    within = squares <= (radius**2)[disc, 0]
-    return disc[within], row[within], col[within]
 
 
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
