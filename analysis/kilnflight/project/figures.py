@@ -139,8 +139,9 @@ def save(
     short = table.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
     text = short.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode()}
-    body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
-    if picture is not None:
+    if picture is None:
+        body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
+    else:
         pictures = _drawn(mark(picture, provenance.mark), identifier, caption, provenance)
         contents |= pictures
         coded = base64.b64encode(pictures[f"{identifier}.png"]).decode()

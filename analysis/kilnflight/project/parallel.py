@@ -80,7 +80,7 @@ class Workers:
         """
         finished = self._local if self.scheduler is None else self._cluster
         with tqdm(total=before + sum(frames), initial=before, **self._bar(label)) as bar:
-            for k in finished(partial(_numbered, make), pieces) if pieces else ():
+            for k in finished(partial(_numbered, make, os.getpid()), pieces) if pieces else ():
                 bar.update(frames[k])
 
     def _bar(self, label: str) -> dict[str, Any]:
@@ -151,9 +151,13 @@ def _one_thread(orphaned: int = 15) -> None:
     getattr(ctypes.CDLL(None), "prctl", max)(1, orphaned)  # PR_SET_PDEATHSIG
 
 
-def _numbered(make: Make, number: int, piece: object) -> int:
-    """Call ``make(piece)``, free memory and return the piece's index ``number``."""
+def _numbered(make: Make, caller: int, number: int, piece: object) -> int:
+    """Call ``make(piece)`` and return the piece's index ``number``.
+
+    Memory is freed if the process is not ``caller`` (its id), which keeps it for the next piece.
+    """
     make(piece)
-    gc.collect()  # joblib takes a process that keeps freed memory for leaking, and renews it
-    getattr(ctypes.CDLL(None), "malloc_trim", abs)(0)  # on Linux
+    if os.getpid() != caller:  # joblib takes a process that keeps freed memory for leaking
+        gc.collect()
+        getattr(ctypes.CDLL(None), "malloc_trim", abs)(0)  # on Linux
     return number
