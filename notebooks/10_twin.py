@@ -85,7 +85,7 @@ reached
 # %% [markdown]
 # ## Results of the methods if one unpublished input changes
 #
-# A second seed shows the size of chance.
+# A second seed shows the size of chance. A smoke run stops at the base.
 
 # %%
 reduced = {"quick": "quick", "standard": "quick", "full": "standard"}[scale]

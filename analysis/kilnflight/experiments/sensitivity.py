@@ -59,11 +59,12 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
 
 
 def sensitivity(scale: str, seed: int, jobs: int, scenarios: Iterable[str]) -> pd.DataFrame:
-    """Return `watched` of scenarios, and of the base with a second seed: the size of chance."""
-    rows = [
-        dict(zip(("input", "change"), CHANGES[each], strict=True))
-        | watched(scale, each, seed, jobs)
-        for each in scenarios
-    ]
-    again = {"input": "seed", "change": "a second one"} | watched(scale, "base", seed + 1, jobs)
-    return pd.DataFrame([*rows, again])
+    """Return `watched` of scenarios, the base first.
+
+    If there are others, the base with a second seed follows: the size of chance.
+    """
+    cases = [(*CHANGES[each], each, seed) for each in scenarios]
+    if len(cases) > 1:
+        cases.append(("seed", "a second one", "base", seed + 1))
+    rows = [{"input": i, "change": c} | watched(scale, s, n, jobs) for i, c, s, n in cases]
+    return pd.DataFrame(rows)
