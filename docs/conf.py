@@ -1,5 +1,6 @@
 """Settings of the site (Sphinx), which needs no network; `generate.py` writes its pages."""
 
+import gc
 import re
 from html import escape
 from pathlib import Path
@@ -9,6 +10,8 @@ from docutils import nodes
 from ziamath import Latex
 
 from kilnflight import __version__
+
+gc.disable()  # of millions of nodes few are garbage; to look for it takes a quarter of the time
 
 project = "kilnflight"
 author = copyright = "The kilnflight founders"
