@@ -192,7 +192,7 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
     """
     found: list[float] = []
     for index, coefficients in enumerate(calibration.coefficients):
-        roots = (np.poly1d(coefficients) - true_mm).roots
+        roots = np.roots([*coefficients[:-1], coefficients[-1] - true_mm])
         real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
         found += real[(real > 0) & (calibration.segment(real) == index)].tolist()
     return sorted(found)

@@ -16,8 +16,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy  # stats on first use: they take a quarter of a second
 from scipy.ndimage import median_filter
-from scipy.stats import mannwhitneyu, theilslopes
 
 from kilnflight.arrays import Array, Flags
 from kilnflight.checks import InputError, check_finite, check_number
@@ -240,7 +240,9 @@ def rank_sum_p(before: Array, after: Array) -> float:
     values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
     method: Literal["exact", "asymptotic"] = "exact" if len(values) <= 200 else "asymptotic"
-    test = mannwhitneyu(rank[earlier], rank[~earlier], alternative="less", method=method)
+    test = scipy.stats.mannwhitneyu(
+        rank[earlier], rank[~earlier], alternative="less", method=method
+    )
     return float(test.pvalue)
 
 
@@ -249,7 +251,7 @@ def line_deviation(time: Array, values: Array) -> float:
 
     ``time`` and ``values`` are (n,). A step must leave less, else the change is slow.
     """
-    rest = values - theilslopes(values, time).slope * time
+    rest = values - scipy.stats.theilslopes(values, time).slope * time
     return float(np.abs(rest - np.median(rest)).sum())
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.stats import linregress, theilslopes
+import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array, Flags, Picture
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
@@ -131,13 +131,13 @@ def _line(picture: Picture, start: Array, stop: Array, level: float, side: str) 
     _check_visible(visible, side)
     # A line through the points that agree on one, from the median of slopes on.
     u, v = middle @ along, middle @ inwards + depth
-    slope, offset = theilslopes(v[visible], u[visible])[:2]
+    slope, offset = scipy.stats.theilslopes(v[visible], u[visible])[:2]
     for _ in range(5):
         inliers = visible & (np.abs(v - offset - slope * u) < TOLERANCE_PX)
         _check_visible(inliers, side)
         middle_u = u[inliers].mean()
         # With u counted from its mean, the errors of slope and intercept are independent.
-        fit = linregress(u[inliers] - middle_u, v[inliers])
+        fit = scipy.stats.linregress(u[inliers] - middle_u, v[inliers])
         slope, offset = fit.slope, fit.intercept - fit.slope * middle_u
     point = middle_u * along + fit.intercept * inwards
     turned = along + slope * inwards

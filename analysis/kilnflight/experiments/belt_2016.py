@@ -63,15 +63,14 @@ def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> P
     pictures. An empty belt gives empty tables.
     """
     step = max(1, len(pictures) // BACKGROUND_OF)
-    spread = range(0, max(1, len(pictures)), step)
-    background = average(pictures.frames(spread))
-    samples, spots = list(pictures.frames(spread[::10])), Spots()
+    shown = list(pictures.frames(range(0, max(1, len(pictures)), step)))
+    background, samples, spots = average(shown), shown[::10], Spots()
     calibration = calibrate_camera(find_corners(background))
     if any(len(spots(picture, background)) for picture in samples):
         spots = spots.calibrated(samples, background)
     measure = MeasureSpots(background, spots, calibration, Area(end_mm=end_mm))
-    every = tqdm(pictures.frames(range(len(pictures))), "pictures", len(pictures), disable=None)
-    table = measure.table(every)
+    every = shown[: len(pictures)] if step == 1 else pictures.frames(range(len(pictures)))
+    table = measure.table(tqdm(every, "pictures", len(pictures), disable=None))
     return PictureTracks(calibration, table, tracker_until(end_mm)(table, len(pictures)))
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array, Flags, Index
 
@@ -55,7 +55,7 @@ def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
     counted = np.array([(~lost | (far >= mark)).sum() for mark in marks])
     if not len(far):
         return np.full(len(marks), np.nan), counted
-    curve = stats.ecdf(stats.CensoredData(uncensored=far[~lost], right=far[lost])).sf
+    curve = scipy.stats.ecdf(scipy.stats.CensoredData(uncensored=far[~lost], right=far[lost])).sf
     share = 100.0 * np.asarray(curve.evaluate(marks))
     share[(marks > far.max()) & (share > 0.0)] = np.nan
     return share, counted

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binomtest
+import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array
 from kilnflight.checks import check_finite, check_number
@@ -85,7 +85,7 @@ def share(number: int, counted: int) -> Interval:
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
-    interval = binomtest(number, counted).proportion_ci(LEVEL, method="wilson")
+    interval = scipy.stats.binomtest(number, counted).proportion_ci(LEVEL, method="wilson")
     return Interval(number / counted, float(interval.low), float(interval.high), (counted,))
 
 
