@@ -22,6 +22,7 @@ RUN := $(VENV)/bin/python
 OUT := build/$(SCALE)
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
+unexport PYTHONDONTWRITEBYTECODE# Python starts some hundred times: its bytecode is kept
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
 export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
@@ -29,7 +30,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-LONGEST := $(foreach number,50 10 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+# The first three share little code that numba has to compile; the others find it compiled.
+LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.
@@ -88,7 +90,7 @@ fail = { echo "setup: $(1)" >&2; exit 1; }
 install = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1
 pip = $(call install,$(1)) || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
 locked := --require-hashes -r requirements.lock
-uv = $(VENV)/bin/uv pip install --quiet --compile-bytecode --python $(RUN) $(1) >> build/pip.log 2>&1
+uv = $(VENV)/bin/uv pip install --quiet --python $(RUN) $(1) >> build/pip.log 2>&1
 $(VENV)/installed: requirements.lock pyproject.toml
 	@echo "setup: creating $(VENV) with $(PYTHON) and the locked packages (a minute or two)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || $(call fail,$(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.11)
