@@ -69,7 +69,7 @@ def test_a_killed_run_continues_and_ends_in_the_same_bytes(step, command, expect
 
 def test_two_processes_write_the_same_bytes(command, expected, tmp_path):
     call = [sys.executable, "-c", KILLED, "-1", *command(tmp_path)]
-    others = [subprocess.Popen([*call, "--jobs", "2"]) for _ in range(2)]  # one folder, two runs
+    others = [subprocess.Popen([*call, "--jobs", jobs]) for jobs in "12"]  # one folder, two runs
     assert [each.wait() for each in others] == [0, 0]
     assert contents(tmp_path) == expected
 
