@@ -13,7 +13,7 @@
 # round spots misses most of them; with depth the kiln's own detector finds more.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (30 frames), standard (60) or full (150)
+scale = "standard"  # quick (20 frames), standard (60) or full (150)
 seed = 0  # of the simulated film
 recording = ""  # film, folder, pattern or array of yours; empty: the simulated film
 detector = "dog"  # round spots, or "otsu" for areas of any form
@@ -33,7 +33,7 @@ from kilnflight.scores.spreading import diffusion, followed, speeds, square_disp
 from kilnflight.twin import scenes, truth
 
 style.use_style()
-frames = range(600, 600 + {"quick": 30, "standard": 60, "full": 150}[scale])
+frames = range(600, 600 + {"quick": 20, "standard": 60, "full": 150}[scale])
 used = {"scale": scale, "recording": recording, "detector": detector}
 mark = "" if recording else "simulated"
 origin = figures.trace("60_own_film", used, seed=seed, mark=mark)

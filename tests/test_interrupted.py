@@ -36,7 +36,8 @@ def _short_chunks(monkeypatch):
 @pytest.fixture(scope="module")
 def command(stored_flights):
     return lambda folder, *more: [
-        *("run", str(stored_flights), "--to", str(folder), "--threshold", "200", *more),
+        *("run", str(stored_flights), "--to", str(folder), "--threshold", "200"),
+        *("--background", "median", *more),
     ]
 
 
