@@ -39,11 +39,7 @@ class Table:
 
     def __init__(self, name: str, *columns: Column) -> None:
         self.name, self.columns = name, columns
-
-    @property
-    def names(self) -> list[str]:
-        """Return the names of the columns, in order."""
-        return [column.name for column in self.columns]
+        self.names = [column.name for column in columns]
 
     def empty(self) -> pd.DataFrame:
         """Return the table without rows, with the right columns and types."""
@@ -59,19 +55,21 @@ class Table:
             below its limit. With ``once`` also if two rows are the same or a frame is below 0.
         """
         check_columns(table, self.names, where := where or self.name)
-        table = table[self.names].set_axis(table.index.set_names([None] * table.index.nlevels))
+        checked = table[self.names].set_axis(table.index.set_names([None] * table.index.nlevels))
         for column in self.columns:
-            values, place = table[column.name], f"{where}: column {column.name}"
+            values, place = checked[column.name], f"{where}: column {column.name}"
             if column.kind in (int, float):
                 read: Any = check_whole if column.kind is int else check_finite
                 found = read(values, place, **{"gaps": True} if column.missing else {})
-                table[column.name] = found  # fmin: without NaN
+                checked[column.name] = found  # fmin: without NaN
                 check_number(np.fmin.reduce(found, initial=1), place, **LIMITS.get(column.name, {}))
             elif not all(type(value) is column.kind for value in values):
                 raise InputError(f"{place} holds {values.dtype}, expected {column.kind.__name__}.")
-        for row in table.index[table.duplicated() | (table.get("frame", 0) < 0)][:once]:
+        # two particles may be at one pixel, in discs of two sizes
+        every = table.select_dtypes("number").assign(**checked)
+        for row in checked.index[every.duplicated() | (checked.get("frame", 0) < 0)][:once]:
             raise InputError(f"{where}: row {row} is there twice, or its frame is below 0.")
-        return table
+        return checked
 
 
 def _by_axis(axes: Sequence[str], name: str, kind: type, *more: Any) -> tuple[Column, ...]:

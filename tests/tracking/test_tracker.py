@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.association import GNN, JPDA, NearestNeighbor
+from kilnflight.checks import InputError
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
 from kilnflight.tracking.tracker import Management, record, track
 
@@ -53,6 +54,13 @@ def test_tracks_end_that_are_hidden_too_long_or_seen_too_seldom():
     assert track(seldom)["particle"].tolist() == [0, 0, 0, 1]
     for management in (Management(visibility_age=9), Management(visibility=0.0)):
         assert not track(seldom, management=management)["particle"].any()
+
+
+def test_two_discs_at_one_pixel_are_two_detections_and_a_repeated_row_is_refused():
+    two = FLIGHT.assign(radius_px=3.0, z=np.nan), FLIGHT.assign(radius_px=9.0, z=np.nan)
+    assert track(pd.concat(two, ignore_index=True))["particle"].max() == 1
+    with pytest.raises(InputError):
+        track(pd.concat([two[0], two[0]], ignore_index=True))
 
 
 def test_depth_keeps_two_apart_and_is_the_last_known():
