@@ -30,7 +30,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-# The first three share little code that numba has to compile; the others find it compiled.
+# The longest begin, and beside the first those that compile other code than it does.
 LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))

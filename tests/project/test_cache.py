@@ -1,5 +1,6 @@
 """Whole files, and tables that are made once for their arguments and code."""
 
+import ast
 import shutil
 from itertools import pairwise
 
@@ -51,6 +52,18 @@ def test_a_table_is_made_once_for_each_argument(tmp_path):
     assert other.calls == ["second"]
     assert numbers.second.path != Numbers(tmp_path / "deep", 4, 2).second.path
     assert Numbers(None, 3).first.path.parent == tmp_path / "derived"
+
+
+def test_every_import_of_the_package_counts():
+    """They are found by a pattern, which must miss none that Python's parser sees."""
+    for file in cache.PACKAGE.rglob("*.py"):
+        names = set()
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                names |= {node.module or "", *(f"{node.module}.{each.name}" for each in node.names)}
+            elif isinstance(node, ast.Import):
+                names |= {each.name for each in node.names}
+        assert {path for name in names for path in cache._module(name)} <= cache._imports(file)
 
 
 def test_imported_code_and_data_beside_it_count(tmp_path, monkeypatch):

@@ -118,7 +118,7 @@ def potential_particles(
         return
     owner = np.zeros(shape, dtype=np.int32)  # of each pixel: its cluster, counted from 1
     owner[tuple(clusters.pixels.T)] = np.repeat(np.arange(groups) + 1, np.diff(clusters.start))
-    spot, row, col = disc_pixels(keypoints, SMALLEST_DISC_PX, shape)
+    spot, row, col = disc_pixels(np.array(keypoints, order="C"), SMALLEST_DISC_PX, shape)
     group = owner[row, col] - 1
     ends = (spot[group >= 0], spots + group[group >= 0])
     links = coo_array((np.ones(len(ends[0])), ends), shape=2 * (spots + groups,))
@@ -141,7 +141,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     means = gray[tuple(nearest.T)].astype(np.float64)
     for first in range(0, len(discs), 1000):  # some 20 MB at a time
         part = discs[first : first + 1000]
-        disc, row, col = disc_pixels(part, 0.0, gray.shape)
+        disc, row, col = disc_pixels(np.array(part, order="C"), 0.0, gray.shape)
         count = np.bincount(disc, minlength=len(part))
         sums = np.bincount(disc, gray[row, col], minlength=len(part))
         np.divide(sums, count, out=means[first : first + 1000], where=count > 0)

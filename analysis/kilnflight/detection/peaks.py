@@ -8,8 +8,6 @@ area: the highest pixel of the border belongs to something outside.
 The thesis looks for peaks or troughs in the frame and in the absolute difference to the frame
 before. Here both pictures are smoothed a little, and a peak must stand out from the noise. The
 noise is measured in the frame itself, so nothing depends on the exposure.
-
-`disc_pixels` is here because it is compiled, too.
 """
 
 from collections.abc import Callable
@@ -202,7 +200,7 @@ def _stands_out(
 def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     """Return disc, row and column (3, m) of each pixel within a disc.
 
-    Compiled: discs of a flame cover a million pixels, and numpy passes fifteen times over them.
+    Compiled: discs of a flame cover a million pixels, for which numpy makes fifteen arrays.
 
     Parameters
     ----------

@@ -248,11 +248,11 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
 
 @njit(cache=True)
 def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
-    """Return the differences of Gaussians (kernels - 1, rows, cols) in a box.
+    """Return the differences of Gaussians (kernels - 1 or 2, rows, cols) in a box.
 
     Float32, in grey values; narrow minus wide, so bright blobs are positive. The last one is left
-    out where the one before is below ``level``: no maximum in that one needs it, and noise, which
-    has small scales, is spared a third of the time. ``box`` is in px of the image (rows, cols),
+    out where the one before is below ``level``, the least of a maximum: then none needs it. Noise
+    has small scales, which spares a third of its time. ``box`` is in px of the image (rows, cols),
     which is mirrored at its border. ``kernels`` are `_taps`, (1 + r,) each, the narrowest first.
     Compiled: the box stays in the cache of the processor, which takes half of OpenCV's time.
     """

@@ -166,7 +166,7 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
-    # in thirds: each chunk renders the median's window first, 150 frames
+    # in thirds, for fewer windows of the median
     detector, thirds = Combination(DoG(settings.threshold)), max(kiln.CHUNK_FRAMES, -(-stop // 3))
     frames = DetectionRun(source, first, stop, detector, BACKGROUNDS[scale], thirds)
     exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)

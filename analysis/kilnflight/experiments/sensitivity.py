@@ -59,9 +59,9 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
 
 
 def sensitivity(scale: str, seed: int, jobs: int, scenarios: Iterable[str]) -> pd.DataFrame:
-    """Return `watched` of scenarios, the base first.
+    """Return `watched` of scenarios, one row each.
 
-    If there are others, the base with a second seed follows: the size of chance.
+    If there are several, the base with a second seed follows: the size of chance.
     """
     cases = [(*CHANGES[each], each, seed) for each in scenarios]
     if len(cases) > 1:

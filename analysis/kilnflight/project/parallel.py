@@ -154,7 +154,7 @@ def _one_thread(orphaned: int = 15) -> None:
 def _numbered(make: Make, caller: int, number: int, piece: object) -> int:
     """Call ``make(piece)`` and return the piece's index ``number``.
 
-    Memory is freed if the process is not ``caller`` (its id), which keeps it for the next piece.
+    Workers free their memory; the calling process (its id is ``caller``) keeps it for the next one.
     """
     make(piece)
     if os.getpid() != caller:  # joblib takes a process that keeps freed memory for leaking

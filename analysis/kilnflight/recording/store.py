@@ -89,7 +89,7 @@ class StoredRecording:
 
         Every chunk ends in the checksum of its values (zstd), so the end of each file is read, of
         the arrays' metadata all. An `InputError` if the hash is not that of the writing: something
-        was changed afterwards.
+        was changed afterwards. Hidden files, as of a file browser, do not count.
         """
         digest = hashlib.sha256(repr(self.attributes).encode())
         for values in self.per_frame.values():
