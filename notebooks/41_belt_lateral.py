@@ -38,7 +38,7 @@ seed = 2020  # of the calibration draws and of the friction model
 style.use_style()
 origin = figures.trace("41_belt_lateral", {"scale": scale}, seed=seed, inputs=files.values())
 save = partial(figures.save, provenance=origin)
-tracks = belt_2020.load_tracks(files, seed, {"quick": 1000}.get(scale))
+tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES.get(scale))
 observed = {name: PHASE.observe(table) for name, table in tracks.items()}
 
 # %% [markdown]

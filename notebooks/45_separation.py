@@ -59,7 +59,7 @@ count = belt_2016.PARTICLES[scale]  # in the pictures, of each material
 setting = {"scale": scale, "count": count, "blown": blown}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-exact = belt_2020.load_tracks(files, seed, {"quick": 1000}.get(scale))
+exact = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES.get(scale))
 coarse = belt_2020.load_tracks(files, seed, count)
 bodies = {name: belt_2020.resample(each, belt_2016.TRUTH_HZ) for name, each in coarse.items()}
 pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}

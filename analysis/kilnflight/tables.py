@@ -52,7 +52,8 @@ class Table:
         ------
         InputError
             If a column is missing, is not of its kind, or holds a value that is not finite or
-            below its limit. With ``once`` also if two rows are the same or a frame is below 0.
+            below its limit. With ``once`` also if two rows have the same numbers in all
+            columns, or a frame is below 0.
         """
         check_columns(table, self.names, where := where or self.name)
         checked = table[self.names].set_axis(table.index.set_names([None] * table.index.nlevels))
@@ -65,10 +66,10 @@ class Table:
                 check_number(np.fmin.reduce(found, initial=1), place, **LIMITS.get(column.name, {}))
             elif not all(type(value) is column.kind for value in values):
                 raise InputError(f"{place} holds {values.dtype}, expected {column.kind.__name__}.")
-        # two particles may be at one pixel, in discs of two sizes
-        every = table.select_dtypes("number").assign(**checked)
-        for row in checked.index[every.duplicated() | (checked.get("frame", 0) < 0)][:once]:
-            raise InputError(f"{where}: row {row} is there twice, or its frame is below 0.")
+        if once:  # two particles may be at one pixel, in discs of two sizes
+            every = table.select_dtypes("number").assign(**checked)
+            for row in checked.index[every.duplicated() | (checked["frame"] < 0)][:1]:
+                raise InputError(f"{where}: row {row} is there twice, or its frame is below 0.")
         return checked
 
 

@@ -139,7 +139,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
-    for first in range(0, len(discs), 1000):  # some 20 MB at a time
+    for first in range(0, len(discs), 1000):  # 20 MB at a time for discs of 15 px
         part = discs[first : first + 1000]
         disc, row, col = disc_pixels(np.array(part, order="C"), 0.0, gray.shape)
         count = np.bincount(disc, minlength=len(part))

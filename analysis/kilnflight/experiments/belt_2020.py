@@ -35,6 +35,7 @@ INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not 
 DATA_SETS = tuple(MATERIALS)
 CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
+PARTICLES = {"quick": 1000}  # of each material, the first to enter, by scale; otherwise all
 _CALIBRATIONS = 20  # draws of calibration particles, shared by the replicates of a bootstrap
 PHASE = PredictionPhase()
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
