@@ -86,7 +86,7 @@ data = budget[columns]
 
 # %% tags=["hide-input"]
 names = data["fraction"].unique()
-labels = ("dwell time (s)", "velocity 0-1 m (m/s)", "ignition time (s)")
+labels = ("dwell time: error (s)", "velocity 0-1 m: error (m/s)", "ignition time: error (s)")
 picture, grid = style.canvas(3, 1, width_mm=style.PAGE_MM, height_mm=150, sharex=True)
 groups = data.groupby(["replaced_step", "fraction"])
 for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict=True):
