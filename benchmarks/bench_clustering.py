@@ -16,7 +16,7 @@ from kilnflight.camera import calibrate_depth
 from kilnflight.detection import DBSCAN, Clusterer, MorphologicalClustering, QuasiClusterCenters
 from kilnflight.twin.scenes import open_scene
 
-WALL, PARTICLES = DBSCAN(50.0, 10), DBSCAN(15.0, 10)  # both passes, sec. 5.1.3
+WALL, PARTICLES = DBSCAN(50.0, 10), DBSCAN(15.0, 10)  # of the two passes, sec. 5.1.3
 
 
 def cloud() -> np.ndarray:
@@ -51,7 +51,7 @@ def rows() -> list[Row]:
     points = cloud()
     found = [
         against(
-            "DBSCAN, both passes",
+            "DBSCAN of all points, 50 and 15 mm",
             lambda p: np.stack([WALL(p), PARTICLES(p)]),
             lambda p: np.stack([plain_dbscan(50.0, p), plain_dbscan(15.0, p)]),
             "scikit-learn",

@@ -48,13 +48,17 @@ def doubled(image: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def check_keypoints(image: np.ndarray, threshold: float) -> None:
-    """Check on the same 8 bits that OpenCV's keypoints are ours, but for the border."""
-    eight = eight_bits(image)
-    theirs, ours = sift(eight, threshold), doubled(eight * GAIN, threshold)
-    theirs = theirs[((theirs > 10) & (theirs < np.array(image.shape) - 10)).all(axis=1)]
-    apart = np.linalg.norm(theirs[:, None] - ours[None], axis=2).min(axis=1)
-    if (apart < 1.0).mean() < 0.95:
-        raise AssertionError(f"only {(apart < 1.0).mean():.2f} of OpenCV's keypoints are found")
+    """Check on the same 8 bits that keypoints are OpenCV's and OpenCV's ours, but for the border.
+
+    OpenCV leaves out some, such as those on edges.
+    """
+    eight, last = eight_bits(image), np.array(image.shape) - 10
+    found = sift(eight, threshold), doubled(eight * GAIN, threshold)
+    theirs, ours = (each[((each > 10) & (each < last)).all(axis=1)] for each in found)
+    near = np.linalg.norm(theirs[:, None] - ours[None], axis=2) < 1.0
+    shares = near.any(axis=1).mean(), near.any(axis=0).mean()
+    if shares[0] < 0.95 or shares[1] < 0.85:
+        raise AssertionError(f"shares of OpenCV's keypoints and of ours that agree: {shares}")
 
 
 def numpy_threshold(image: np.ndarray) -> int:
@@ -90,9 +94,11 @@ def _rows(image: np.ndarray) -> list[Row]:
     eight, found = eight_bits(image), []
     for threshold in (500.0, 60.0):
         check_keypoints(image, threshold)
-        what = (f"DoG keypoints at {threshold:g}", "pixels", image.size, "OpenCV SIFT, 8 bits")
-        ours, peer = partial(DoG(threshold), image), partial(sift, eight, threshold)
-        found.append(compare(what, ours, peer))
+        what = ("pixels", image.size, "OpenCV SIFT, 8 bits")
+        peer, name = partial(sift, eight, threshold), f"DoG keypoints at {threshold:g}"
+        found.append(compare((name, *what), partial(DoG(threshold), image), peer))
+        name += ", doubled picture, dark ones too"
+        found.append(compare((name, *what), partial(doubled, image, threshold), peer))
     assert otsu_threshold(image) == numpy_threshold(image)
     np.testing.assert_allclose(Otsu()(image), scipy_particles(image))
     what = ("Otsu's particles", "pixels", image.size, "scipy.ndimage")

@@ -43,7 +43,8 @@ def against(order: int) -> Row:
             inner = limits + np.array([1e-9, -1e-9])
             start = np.clip(fit.t0 - time[0] + 0.01 * np.ptp(limits), *inner)
             orders = 3 * (order,)
-            peer = plain_regression.solve(time - time[0], places, EXIT, orders, start, limits)
+            given = (time - time[0], places, EXIT, orders, start, limits)
+            peer = plain_regression.solve(*given, tolerance=1e-8)  # scipy's own
             found.append(2 * peer.cost)
         return found
 

@@ -1,7 +1,7 @@
 """How time and memory grow with frames, points and detections, and with Dask workers.
 
-Each measurement is a process of its own, run once: ``python benchmarks/growth.py frames 300``
-prints what it found as JSON. ``table`` makes figures/growth.csv of them, without absolute times.
+Each measurement is a process of its own: ``python benchmarks/growth.py frames 300`` prints what it
+found as JSON. ``table`` makes figures/growth.csv of them, without absolute times.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,15 +22,16 @@ import cv2
 import numpy as np
 import pandas as pd
 from bench_clustering import PARTICLES, WALL, surface
+from bench_kiln import THRESHOLD
 from bench_tracking import recording
 from measure import share_of_links
 
 from kilnflight import kiln
+from kilnflight.__main__ import main
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes, Frame
-from kilnflight.recording.store import open_recording, write_recording
+from kilnflight.recording.store import write_recording
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
 from kilnflight.twin.scenes import open_scene
@@ -40,9 +42,9 @@ SIZES = {
     "detections": (60, 600, 6_000),  # a frame
     "workers": (1, 2),
 }
-HELD, CHUNK, PIECES = 32, 100, 4  # frames held; frames of a chunk, and chunks, for Dask
+HELD, FILM = 32, 400  # frames held; frames of the film for Dask
 NETWORK = 1e9  # bytes/s at which workers read their frames, an assumption
-DETECTOR = Combination(DoG(283.0))
+DETECTOR = Combination(DoG(THRESHOLD))
 
 
 @dataclass(frozen=True)
@@ -102,53 +104,44 @@ def detections(count: int) -> dict[str, float]:
     return {"seconds": min(seconds(lambda: track(table)) for _ in range(3)), "right_links": right}
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """Detection in some frames of a stored recording, called by a worker."""
-
-    folder: Path
-    length: int
-
-    def __call__(self, start: int) -> None:
-        stored = open_recording(self.folder / "film.zarr")
-        table = kiln.detect_frames(stored, range(start, start + self.length), DETECTOR)
-        table.to_parquet(self.folder / f"{start}.parquet")
-
-
 def workers(count: int) -> dict[str, float]:
-    """Return the seconds of a chunk of 100 frames when so many workers share some.
+    """Return the seconds of ``kilnflight run --scheduler`` with so many workers.
 
-    Of one worker also how many like it a network of `NETWORK` keeps busy. A chunk reads the
-    pictures of the median's window, too.
+    Of one worker also how many like it a network of `NETWORK` keeps busy with chunks of
+    `kilnflight.kiln.CHUNK_FRAMES`: each reads the pictures of the median's window, too.
     """
     from distributed import LocalCluster
 
     with tempfile.TemporaryDirectory() as name:
-        folder, pieces = Path(name), [CHUNK * k for k in range(PIECES)]
-        film = folder / "film.zarr"
-        write_recording(replay(CHUNK * PIECES), film)
-        pictures, whole = (
-            sum(path.stat().st_size for path in there.rglob("*") if path.is_file())
-            for there in (film / "gray", film)
+        for length in (16, FILM):
+            write_recording(replay(length), film := Path(name, f"{length}.zarr"))
+        whole, pictures = (  # bytes a frame
+            sum(path.stat().st_size for path in there.rglob("*") if path.is_file()) / FILM
+            for there in (film, film / "gray")
         )
-        read = sum(min(k + CHUNK + 75, CHUNK * PIECES) - max(k - 75, 0) for k in pieces)
-        moved = whole / PIECES + pictures * (read / (CHUNK * PIECES) - 1) / PIECES
-        with LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        ) as cluster:
-            finish = Workers(scheduler=cluster.scheduler_address)
-            finish(Chunk(folder, 2), pieces, [2] * PIECES, "compiles")
-            spent = seconds(lambda: finish(Chunk(folder, CHUNK), pieces, [CHUNK] * PIECES, "all"))
-    spent /= PIECES
-    busy = round(spent / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
+        with (
+            LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            redirect_stdout(sys.stderr),
+        ):
+            last = ["--threshold", str(THRESHOLD), "--scheduler", cluster.scheduler_address]
+
+            def run(length: int) -> None:
+                main(["run", f"{name}/{length}.zarr", "--to", f"{name}/found-{length}", *last])
+
+            run(16)  # compiles
+            spent = seconds(lambda: run(FILM))
+    moved = whole + pictures * 150 / kiln.CHUNK_FRAMES
+    busy = round(spent / FILM / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
     return {"seconds": spent, "workers_at_1_gb_s": busy}
 
 
 def table() -> pd.DataFrame:
-    """Return time for one frame, point, detection or chunk by that of the smallest size."""
+    """Return time for one frame, point or detection by that of the smallest size."""
     rows, first = [], 1.0
     for unit, sizes in SIZES.items():
         for size in sizes:

@@ -1,29 +1,26 @@
-"""Published trackers, called as ours: detections in, the same rows with ``particle`` out.
+"""Published trackers: a table of frame, row and col in, sorted by them, and each row's track out.
 
 =================  =========================  ==================================================
 tracker            package                    how it links
 =================  =========================  ==================================================
 `Trackpy`          trackpy 0.6 and later      nearest positions, optimal in each small group
-`LapTrack`         laptrack 0.16 and later    one assignment per frame, then one over the gaps
+`LapTrack`         laptrack 0.16 and later    one assignment per frame; gaps are not closed
 `StoneSoupGNN`     stonesoup 1.5 and later    Kalman filter, ``GNNWith2DAssignment``
 =================  =========================  ==================================================
 
-They come with ``pip install kilnflight[peer]`` and are imported when called. All use frame, row
-and col only, no depth or size. Stone Soup has only parts to build a tracker from. The loop here
-starts a track at every detection that is left over and ends a track that was not detected for
-some frames, as `kilnflight.tracking.tracker` does.
+They come with ``pip install kilnflight[peer]`` and are imported when called. None uses depth or
+size. Stone Soup has only parts to build a tracker from. The loop here starts a track at every
+detection that is left over and ends a track that was not detected for some frames, as
+`kilnflight.tracking.tracker` does.
 """
 
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,111 +28,38 @@ import pandas as pd
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from kilnflight.checks import InputError, check_columns
-from kilnflight.tables import TO_TRACK
-
 PLACE = ["row", "col"]
-FRAME_PLACE = ["frame", *PLACE]
-PACKAGES = ("laptrack", "stonesoup", "trackpy")
-
-
-def available() -> tuple[str, ...]:
-    """Return the packages that are installed, of `PACKAGES`."""
-    return tuple(name for name in PACKAGES if find_spec(name) is not None)
 
 
 @dataclass(frozen=True)
-class _ExternalTracker(ABC):
-    """A tracker of another package, called as `kilnflight.tracking.tracker.track` is."""
+class Trackpy:
+    """Linking of Crocker and Grier by trackpy."""
 
-    package: ClassVar[str]
+    search_range: float = 15.0  # px, largest step
 
-    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return ``detections`` with ``particle``; rows with particle -1 are left out.
-
-        Raises
-        ------
-        InputError
-            If the package is not installed, or the table has no whole frames and finite places.
-        """
-        check_columns(detections, FRAME_PLACE, TO_TRACK.name)
-        if self.package not in available():
-            raise InputError(f"{self.package} is not installed: pip install kilnflight[peer]")
-        with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
-            warnings.simplefilter("ignore")
-            import_module(self.package)
-        particle = np.full(len(detections), -1, dtype=np.int64)
-        rows = np.arange(len(detections))
-        if "particle" in detections.columns:
-            rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
-        if len(rows):
-            known = TO_TRACK.check(detections.iloc[rows][FRAME_PLACE].assign(z=1.0))
-            table = known[FRAME_PLACE]
-            order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
-            labels = self._link(table.iloc[order].reset_index(drop=True))
-            particle[rows[order]] = pd.factorize(np.asarray(labels))[0]
-        return detections.assign(particle=particle)
-
-    @abstractmethod
-    def _link(self, table: pd.DataFrame) -> Any:
-        """Return one label per row of a table with frame, row and col, sorted by them."""
-
-
-@dataclass(frozen=True)
-class Trackpy(_ExternalTracker):
-    """Linking of Crocker and Grier by trackpy.
-
-    Notes
-    -----
-    With ``predict``, a particle is expected where it would be with the latest velocity of
-    the particle nearest to it, mostly its own; frames without any detection are then passed
-    over, by ``missed_frames`` too.
-    """
-
-    package = "trackpy"
-    search_range: float = 15.0  # px, largest step; or largest distance from what is predicted
-    missed_frames: int = 0  # frames that a particle may be missed
-    predict: bool = False  # by trackpy.predict.NearestVelocityPredict
-
-    def _link(self, table: pd.DataFrame) -> Any:
+    def link(self, table: pd.DataFrame) -> npt.NDArray[np.int64]:
+        """Return the track of each row, (n,)."""
         import trackpy
-        from trackpy.linking.utils import SubnetOversizeException
 
         trackpy.quiet()
-        link = trackpy.predict.NearestVelocityPredict().link_df if self.predict else trackpy.link
-        try:
-            with warnings.catch_warnings():  # trackpy 0.7 with pandas 3; no velocity to predict by
-                warnings.simplefilter("ignore")
-                linked = link(
-                    table, self.search_range, pos_columns=PLACE, memory=self.missed_frames
-                )
-        except SubnetOversizeException as error:
-            raise InputError(
-                f"Trackpy: search_range {self.search_range:g} px joins too many particles "
-                f"({error}). Take a smaller one."
-            ) from error
-        return linked["particle"].sort_index()
+        with warnings.catch_warnings():  # trackpy 0.7 with pandas 3
+            warnings.simplefilter("ignore")
+            linked = trackpy.link(table, self.search_range, pos_columns=PLACE)
+        return linked["particle"].sort_index().to_numpy()
 
 
 @dataclass(frozen=True)
-class LapTrack(_ExternalTracker):
+class LapTrack:
     """Linear assignment after Jaqaman by laptrack, without splitting and merging."""
 
-    package = "laptrack"
     cutoff: float = 15.0  # px, largest step
-    gap_closing_cutoff: float = 15.0  # px, largest step over a gap; 0: gaps are not closed
-    missed_frames: int = 2  # frames that a particle may be missed
 
-    def _link(self, table: pd.DataFrame) -> Any:
+    def link(self, table: pd.DataFrame) -> npt.NDArray[np.int32]:
+        """Return the track of each row, (n,)."""
         import laptrack
 
-        closed = self.gap_closing_cutoff > 0 and self.missed_frames > 0
         build: Any = laptrack.LapTrack  # its arguments have defaults that mypy does not see
-        tracker = build(
-            cutoff=self.cutoff**2,
-            gap_closing_cutoff=self.gap_closing_cutoff**2 if closed else False,
-            gap_closing_max_frame_count=self.missed_frames,
-        )
+        tracker = build(cutoff=self.cutoff**2, gap_closing_cutoff=False)
         # by arrays, as `predict_dataframe` takes longer for its table than for the tracks
         frames, places = table["frame"].to_numpy(), table[PLACE].to_numpy()
         first = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2))
@@ -198,18 +122,17 @@ class Gated(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _StoneSoup(_ExternalTracker):
-    """A filter, a gate and the loop over frames, for an associator of Stone Soup."""
+class StoneSoupGNN:
+    """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
 
-    package = "stonesoup"
     distance: float = 4.0  # standard deviations: gate, and cost of a miss; assumption
     acceleration_noise: float = 1.0  # px/frame^1.5; assumption
     missed_frames: int = 5  # in a row, before a track ends; assumption
     velocity_sd: float = 15.0  # px/frame, of a new track; assumption
     measurement_sd: float = 2.0  # px; assumption
 
-    def _link(self, table: pd.DataFrame) -> Any:
-        """Return each row's track: associate, update, start, give up, frame by frame."""
+    def link(self, table: pd.DataFrame) -> npt.NDArray[np.int64]:
+        """Return the track of each row, (n,): associate, update, start, give up, frame by frame."""
         from stonesoup.models.measurement.linear import LinearGaussian
         from stonesoup.models.transition import linear
         from stonesoup.predictor.kalman import KalmanPredictor
@@ -255,16 +178,8 @@ class _StoneSoup(_ExternalTracker):
                 started += 1
         return label
 
-    @abstractmethod
     def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         """Yield each track, its new state and its detection or None."""
-
-
-@dataclass(frozen=True)
-class StoneSoupGNN(_StoneSoup):
-    """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
-
-    def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
         from stonesoup.hypothesiser.distance import DistanceHypothesiser
         from stonesoup.measures import Mahalanobis

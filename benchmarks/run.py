@@ -24,17 +24,17 @@ def main() -> None:
             rows.append((*row[:4], *(float(f"{each:.3g}") for each in row[4:])))
     origin = figures.trace("benchmarks/run", {"scale": "full"}, mark="")
     caption = (
-        "Time of other programs over ours. Median, lowest and highest ratio of five runs in turns "
+        "Time of other programs over ours. Median, lowest and highest ratio of five runs in turns, "
         "on one core."
     )
     table = pd.DataFrame(rows, columns=Row._fields)
     figures.save("benchmarks", table, caption=caption, provenance=origin)
-    caption = "Share of each step in the time of combined detection, one core."
+    caption = "Share of each step in the time of combined detection, ours and the peer's, one core."
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
         "Time for one frame, point or detection over that of the smallest size, and the peak of "
-        "memory; each run once. Workers of Dask: speed-up over one, and how many of them a network "
-        "of 1 GB/s keeps busy."
+        "memory. Points: shortest of five runs; detections: of three; frames and workers: one run. "
+        "Workers of Dask: speed-up over one, and how many of them a network of 1 GB/s keeps busy."
     )
     figures.save("growth", growth.table(), caption=caption, provenance=origin)
 

@@ -14,7 +14,7 @@ def residuals(unknown, time, places, exit_point, orders):
     return np.concatenate(found)
 
 
-def solve(time, places, exit_point, orders, start, limits, **more):
+def solve(time, places, exit_point, orders, start, limits, tolerance=1e-15):
     """Return scipy's result by trust region, from t0 = ``start`` and the best motion for it."""
     motion = [
         np.linalg.lstsq((time - start)[:, None] ** np.arange(1, order + 1), moved)[0]
@@ -23,7 +23,8 @@ def solve(time, places, exit_point, orders, start, limits, **more):
     first = np.append(np.concatenate(motion), start)
     bounds = np.full((2, len(first)), [[-np.inf], [np.inf]])
     bounds[:, -1] = limits
+    accuracy = dict.fromkeys(("ftol", "xtol", "gtol"), tolerance)
     return least_squares(
         residuals, first, args=(time, places, exit_point, orders), bounds=bounds,
-        method="trf", x_scale="jac", ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=2000, **more
+        method="trf", x_scale="jac", max_nfev=2000, **accuracy
     )  # fmt: skip
