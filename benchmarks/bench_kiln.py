@@ -29,7 +29,7 @@ from kilnflight.twin.scenes import open_scene
 THRESHOLD = 100.0  # grey values; found for most subsets (Table 5.6), and taken for campaigns
 STEPS = ("background", "calibration, flame", "DoG", "clustering", "smoothing", "evidence, cases")
 WANTED, AROUND = range(1000, 1064), 75  # consecutive; each has a window of its own for the median
-SHOWN = 1032  # the frame that the peer detects in
+SCENE, SHOWN = "paper-shred-4.5-bar", 1032  # the frame that the peer detects in
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Held:
 
 def held() -> Held:
     """Return a campaign with the clouds of the wanted frames and the pictures around."""
-    twin = open_scene("paper-shred-4.5-bar")
+    twin = open_scene(SCENE)
     around = range(WANTED.start - AROUND, WANTED.stop + AROUND)
     frames = {t: twin.frame(t) for t in (0, WANTED.start - 1, *WANTED)}
     return Held(twin.attributes, len(twin), {t: twin.gray(t) for t in around}, frames)
