@@ -34,7 +34,7 @@ SCENE, SHOWN = "paper-shred-4.5-bar", 1032  # the frame that the peer detects in
 
 @dataclass
 class Held:
-    """A recording, of which some frames are in memory."""
+    """Some frames of a recording, in memory."""
 
     attributes: Attributes
     length: int
@@ -86,7 +86,7 @@ def window(recording: Held) -> np.ndarray:
 
 
 def steps() -> pd.DataFrame:
-    """Return the share of each step in the time of a frame, ours and the peer's, in percent."""
+    """Return the share of each step in a frame's time in percent, ours and the peer's."""
     recording, detector = held(), Combination(DoG(THRESHOLD))
     roi, spent = recording.attributes.roi, dict.fromkeys(STEPS, 0.0)
     cv2.setNumThreads(1)
