@@ -60,6 +60,7 @@ marked = flying[flying["particle"] == counts.idxmax()].reset_index(drop=True)
 # %% tags=["hide-input"]
 shown = others.sample(min(12_000, len(others)), random_state=seed)  # more would hide the particles
 picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 85 / 25.4), layout="none")
+plt.close(picture)
 room = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
 points = {"depthshade": False, "linewidths": 0}
 gray = np.sqrt(shown["gray"])
@@ -83,7 +84,6 @@ alone.margins(0.15)
 alone.locator_params(axis="x", nbins=3)
 alone.locator_params(axis="y", nbins=5)
 picture.colorbar(dots, ax=alone, label="depth z (m)", location="bottom", pad=0.25, shrink=0.9)
-plt.close(picture)
 caption = (
     f"Point cloud of the kiln (grey) and of particles (blue), after Fig. 2.12; simulated, subset "
     f"{subset.name}: {len(cloud):,} points of {known.rows * known.columns:,} pixels. Circle, and "
