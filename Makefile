@@ -27,11 +27,16 @@ unexport PYTHONDONTWRITEBYTECODE# Python starts some hundred times: its bytecode
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
 export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
+export OPENCV_FOR_THREADS_NUM ?= 1
+export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a frame's time
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
 # The longest begin, and beside the first those that compile other code than it does.
 LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+# full: 50 detects in all campaigns, by all cores; others beside it would slow both by a tenth.
+ALONE := $(if $(filter full,$(SCALE)),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
+LATER := $(if $(ALONE),$(filter-out $(ALONE),$(filter $(OUT)/5%,$(NOTEBOOKS))))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.
@@ -76,8 +81,10 @@ $(OUT)/%.settings: FORCE
 	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
 	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
+	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(ALONE),50.jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
+$(ALONE): | $(filter-out $(ALONE) $(LATER) $(SUMMARY),$(NOTEBOOKS))
+$(LATER): | $(ALONE)
 build/scale: FORCE
 	@mkdir -p build; [ "$(SCALE)" = "$$(cat $@ 2>/dev/null)" ] || echo $(SCALE) > $@
 site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)

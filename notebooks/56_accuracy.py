@@ -75,10 +75,10 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Where the error comes from
 #
-# True positions have no scatter, no false ones, and grey values of two levels. Both are darker than
-# the kiln, so no ignition is found with them: the lowest panel has no mark there. True links are
-# by place in the image; depths outside the tracker's gate are left out. "Weighted axes" fits our
-# own tracks with axes weighted by one over the RMSE of Table 5.18.
+# True positions have no scatter, no false ones, and grey values of two levels: darker than the
+# kiln unlit, lighter lit. True links are by place in the image; depths outside the tracker's gate
+# are left out. "Weighted axes" fits our own tracks with axes weighted by one over the RMSE of
+# Table 5.18.
 
 # %%
 columns = [*KEYS, "replaced_step", "measurable_particles", "detected_particles", "false_flights"]

@@ -83,3 +83,15 @@ def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
         np.testing.assert_allclose(found[name], exact, err_msg=name)
     for name in ("true links", "weighted axes", accuracy.WHOLE):
         assert np.abs(found[name] - exact).max() > 1e-4, name
+
+
+def test_ignition_is_found_where_true_positions_begin_to_burn(monkeypatch):
+    monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 120))
+    campaign = campaigns.campaigns("quick", LEARNED, scenario="small")[1]
+    true = campaigns.true_positions(campaign).assign(gray=0.0)
+    step, tables = next(accuracy.replace_steps(campaign, true, {}))
+    assert step == "true positions and links"
+    found = tables.flights.set_index("particle")["ignition_s"].dropna()
+    ignited = accuracy.true_flights(campaign).set_index("particle")["ignition_s"]
+    assert len(found) > 3
+    np.testing.assert_allclose(found, ignited[found.index], atol=0.006)  # two frames

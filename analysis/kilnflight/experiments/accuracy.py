@@ -27,11 +27,12 @@ from kilnflight.scores.flights import METRES
 from kilnflight.tracking.filter import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
+from kilnflight.twin.geometry import FULL_SCALE
 from kilnflight.twin.truth import metre_velocities
 
 Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
-UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # grey values of true positions
+UNLIT_GRAY, LIT_GRAY = 1000.0, FULL_SCALE  # of true positions: darker and lighter than the wall
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
 WHOLE, AXES = "whole chain", ["x", "y", "z"]
 

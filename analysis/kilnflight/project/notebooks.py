@@ -119,7 +119,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
     build
         Folder of the executed notebook, made if missing.
     given
-        Values of parameters by name. At scale "quick", ``jobs`` is 1 unless given.
+        Values of parameters by name. ``jobs`` is 1 unless given, but at scale "standard".
 
     Raises
     ------
@@ -127,8 +127,9 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
         If a cell fails; what ran stays as ``<stem>.failed.ipynb``.
     """
     stem = source.stem
-    if given.get("scale") == "quick" and "jobs" in known_parameters(source):
-        given = {"jobs": 1, **given}  # a process takes longer to start than its share of the work
+    # quick: a process takes longer to start than its share of the work; full: all cores are busy
+    if given.get("scale") in ("quick", "full") and "jobs" in known_parameters(source):
+        given = {"jobs": 1, **given}
     build.mkdir(parents=True, exist_ok=True)
     whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"
     # not in TMPDIR: the path of a socket has at most 107 characters
