@@ -7,7 +7,7 @@ import pandas as pd
 from measure import Row, compare
 from tests.definitions import plain_regression
 
-from kilnflight.regression import Regression, regress
+from kilnflight.regression import Regression
 
 EXIT, RATE = np.array([120.0, 60.0, 6500.0]), 330.0
 SCATTER = np.array([7.0, 7.0, 150.0])
@@ -30,29 +30,28 @@ def tracks(count: int, points: int = 60) -> list[pd.DataFrame]:
 
 
 def against(order: int) -> Row:
-    """Return the comparison of one order along all axes; both find the same minimum."""
-    some, method = tracks(TRACKS), Regression(lowest=order, highest=order)
-    fits = [regress(track, EXIT, None, method) for track in some]
+    """Return the comparison of one order along all axes; both take arrays, and find one minimum."""
+    method = Regression(lowest=order, highest=order)
+    some = [(track["time_s"].to_numpy(), track[list("xyz")].to_numpy()) for track in tracks(TRACKS)]
+    fits = [method(*track, EXIT) for track in some]
 
     def plainly() -> list[float]:
         """Return the sums of squares by scipy, from a guess within the same range of t0."""
         found = []
-        for track, fit in zip(some, fits, strict=True):
-            time, places = track["time_s"].to_numpy(), track[list("xyz")].to_numpy()
+        for (time, places), fit in zip(some, fits, strict=True):
             limits = np.array(fit.t0_range_s) - time[0]
             inner = limits + np.array([1e-9, -1e-9])
             start = np.clip(fit.t0 - time[0] + 0.01 * np.ptp(limits), *inner)
-            orders = 3 * (order,)
-            given = (time - time[0], places, EXIT, orders, start, limits)
+            given = (time - time[0], places, EXIT, 3 * (order,), start, limits)
             peer = plain_regression.solve(*given, tolerance=1e-8)  # scipy's own
             found.append(2 * peer.cost)
         return found
 
-    free = len(some[0]) - order - 1
+    free = len(some[0][0]) - order - 1
     ours = [free * np.square(fit.rmse_mm).sum() for fit in fits]
     np.testing.assert_allclose(ours, plainly(), rtol=1e-5)
     what = (f"regression of order {order}", "trajectories", TRACKS, "scipy over all unknowns")
-    return compare(what, lambda: [regress(track, EXIT, None, method) for track in some], plainly)
+    return compare(what, lambda: [method(*track, EXIT) for track in some], plainly)
 
 
 def rows() -> list[Row]:
