@@ -6,7 +6,8 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
-#:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB)
+#:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB),
+#:                                         and processes of notebook 50 in make full
 #:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
@@ -32,11 +33,11 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-# The longest begin, and beside the first those that compile other code than it does.
+# The longest begin (of full but 50), and beside the first those that compile other code than it does.
 LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
-# full: 50 detects in all campaigns, by all cores; others beside it would slow both by a tenth.
-ALONE := $(if $(filter full,$(SCALE)),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
-LATER := $(if $(ALONE),$(filter-out $(ALONE),$(filter $(OUT)/5%,$(NOTEBOOKS))))
+# full: 50 detects in all campaigns, by JOBS processes; others beside it would slow it by a tenth.
+ALONE := $(if $(filter full,$(SCALE)),$(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS))))
+LATER := $(if $(ALONE),$(filter-out $(ALONE) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS))))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.

@@ -98,7 +98,7 @@ def _rows(image: np.ndarray) -> list[Row]:
         peer, name = partial(sift, eight, threshold), f"DoG keypoints at {threshold:g}"
         found.append(compare((name, *what), partial(DoG(threshold), image), peer))
         name += ", doubled picture, dark ones too"
-        found.append(compare((name, *what), partial(doubled, image, threshold), peer))
+        found.append(compare((name, *what), partial(doubled, eight * GAIN, threshold), peer))
     assert otsu_threshold(image) == numpy_threshold(image)
     np.testing.assert_allclose(Otsu()(image), scipy_particles(image))
     what = ("Otsu's particles", "pixels", image.size, "scipy.ndimage")

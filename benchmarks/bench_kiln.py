@@ -70,7 +70,9 @@ def both_passes(xyz: np.ndarray) -> np.ndarray:
 
 def assembly(recording: Held, view: View) -> dict[str, Callable[[], object]]:
     """Return the calls of the peer, by the step of ours that does the like."""
-    bytes_8 = np.rint(view.foreground / 257).astype(np.uint8)
+    low, high = np.floor(recording.attributes.roi).min(0), np.ceil(recording.attributes.roi).max(0)
+    (top, left), (bottom, right) = np.maximum(low, 0).astype(int), high.astype(int) + 1
+    bytes_8 = np.rint(view.foreground[top:bottom, left:right] / 257).astype(np.uint8)
     sift = cv2.SIFT_create(contrastThreshold=3 * THRESHOLD / 65_535)
     return {
         "background": partial(np.median, window(recording), axis=0),

@@ -43,6 +43,7 @@ SIZES = {
     "workers": (1, 2),
 }
 HELD, FILM = 32, 400  # frames held; frames of the film for Dask
+CHUNKS = 8  # of a film of up to 4,000 frames
 NETWORK = 1e9  # bytes/s at which workers read their frames, an assumption
 DETECTOR = Combination(DoG(THRESHOLD))
 
@@ -108,8 +109,8 @@ def workers(count: int) -> dict[str, float]:
     """Return the seconds of ``kilnflight run --scheduler`` with so many workers.
 
     Also the share of the time that workers have, and how many like the first one a network of
-    `NETWORK` keeps busy. Chunks have `kilnflight.kiln.CHUNK_FRAMES` then, and each reads the
-    pictures of the median's window, too.
+    `NETWORK` keeps busy. The film is cut into `CHUNKS`, each of which reads the pictures of the
+    median's window, too.
     """
     from distributed import LocalCluster
 
@@ -141,7 +142,7 @@ def workers(count: int) -> dict[str, float]:
             for part in Path(name, f"found-{FILM}", "parts").glob("[!d]*.parquet"):
                 part.unlink()
             shared = spent - seconds(lambda: run(FILM))  # again, but for the detections
-    moved = (whole + pictures * 150 / kiln.CHUNK_FRAMES) * FILM
+    moved = whole * FILM + pictures * 150 * CHUNKS
     busy = round(shared / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
     found = {"shared_percent": round(100 * shared / spent), "workers_at_1_gb_s": busy}
     return found | {"seconds": spent}

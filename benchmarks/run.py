@@ -33,8 +33,9 @@ def main() -> None:
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
         "Time for one frame, point or detection over that of the smallest size, and the peak of "
-        "memory. Points: shortest of five runs; detections: of three; frames and workers: one run. "
-        "Workers of Dask: speed-up over one, and how many of them a network of 1 GB/s keeps busy."
+        "memory. Points: shortest of five runs; detections, with the share of their links that is "
+        "right: of three; frames and workers: one run. Workers of Dask: speed-up over one, share "
+        "of the command's time in which they detect, how many a network of 1 GB/s keeps busy."
     )
     figures.save("growth", growth.table(), caption=caption, provenance=origin)
 

@@ -188,6 +188,18 @@ def test_full_alone_writes_what_is_cited(project, scale):
     assert written == ["docs/generate.py --readme"] * (scale == "full")
 
 
+def test_full_detects_in_campaigns_alone(project):
+    for stem in ("50_campaigns", "52_late", "60_early"):
+        write(project, stem)
+    order = ran(make(project, "full", "JOBS=2"))
+    assert order[3:] == ["50_campaigns", "52_late", "00_claims"]
+    lines = (project / "asked").read_text().splitlines()
+    assert all(line.endswith("-p 50.jobs=2") for line in lines if "project.notebooks" in line)
+    (project / "notebooks" / "52_late.py").touch()
+    (project / "notebooks" / "60_early.py").touch()
+    assert ran(make(project, "SCALE=full", "build/full/52_late.ipynb")) == ["52_late"]
+
+
 def test_a_wrong_parameter_of_a_late_notebook_stops_all(real):
     done = make(real, "PARAMETERS=24.seed=abc")
     assert done.returncode != 0

@@ -119,7 +119,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
     build
         Folder of the executed notebook, made if missing.
     given
-        Values of parameters by name. ``jobs`` is 1 unless given, but at scale "standard".
+        Values of parameters by name. ``jobs`` is 1 at scales quick and full, unless given.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
         If a cell fails; what ran stays as ``<stem>.failed.ipynb``.
     """
     stem = source.stem
-    # quick: a process takes longer to start than its share of the work; full: all cores are busy
+    # quick: a process takes longer to start than its share of the work; full: make runs others
     if given.get("scale") in ("quick", "full") and "jobs" in known_parameters(source):
         given = {"jobs": 1, **given}
     build.mkdir(parents=True, exist_ok=True)
