@@ -7,7 +7,7 @@ SHELL := /bin/bash
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
 #:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB),
-#:                                         and processes of notebook 50 in make full
+#:                                         and processes of notebooks 50 and 56 in make full
 #:   RECORDING=path                        film, folder, array ... for make film
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
@@ -33,9 +33,9 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
-# The longest begin (of full but 50), and beside the first those that compile other code than it does.
+# The longest begin (full: but 50), and beside the first those that compile other code than it does.
 LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
-# full: 50 detects in all campaigns, by JOBS processes; others beside it would slow it by a tenth.
+# full: 50 detects in all campaigns, by JOBS processes, nothing beside it; 56 is the last, likewise.
 ALONE := $(if $(filter full,$(SCALE)),$(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS))))
 LATER := $(if $(ALONE),$(filter-out $(ALONE) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS))))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
@@ -82,7 +82,7 @@ $(OUT)/%.settings: FORCE
 	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
 	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(ALONE),50.jobs=$(JOBS)) $(PARAMETERS))
+	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(ALONE),$(addsuffix .jobs=$(JOBS),50 56)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
 $(ALONE): | $(filter-out $(ALONE) $(LATER) $(SUMMARY),$(NOTEBOOKS))
 $(LATER): | $(ALONE)
