@@ -30,7 +30,7 @@ def tracks(count: int, points: int = 60) -> list[pd.DataFrame]:
 
 
 def against(order: int) -> Row:
-    """Return the comparison of one order along all axes; both take arrays, and find one minimum."""
+    """Return the comparison of one order along all axes, from arrays to the same minimum."""
     method = Regression(lowest=order, highest=order)
     some = [(track["time_s"].to_numpy(), track[list("xyz")].to_numpy()) for track in tracks(TRACKS)]
     fits = [method(*track, EXIT) for track in some]

@@ -43,7 +43,6 @@ SIZES = {
     "workers": (1, 2),
 }
 HELD, FILM = 32, 400  # frames held; frames of the film for Dask
-CHUNKS = 8  # of a film of up to 4,000 frames
 NETWORK = 1e9  # bytes/s at which workers read their frames, an assumption
 DETECTOR = Combination(DoG(THRESHOLD))
 
@@ -106,11 +105,10 @@ def detections(count: int) -> dict[str, float]:
 
 
 def workers(count: int) -> dict[str, float]:
-    """Return the seconds of ``kilnflight run --scheduler`` with so many workers.
+    """Return the seconds of ``kilnflight run --scheduler`` with ``count`` workers.
 
-    Also the share of the time that workers have, and how many like the first one a network of
-    `NETWORK` keeps busy. The film is cut into `CHUNKS`, each of which reads the pictures of the
-    median's window, too.
+    Also the share of the command's time in which they detect, and the number of workers that read
+    `NETWORK` bytes/s together. Each chunk also reads the pictures of the median's window.
     """
     from distributed import LocalCluster
 
@@ -139,10 +137,12 @@ def workers(count: int) -> dict[str, float]:
 
             run(16)  # compiles
             spent = seconds(lambda: run(FILM))
-            for part in Path(name, f"found-{FILM}", "parts").glob("[!d]*.parquet"):
+            parts = Path(name, f"found-{FILM}", "parts")
+            chunks = len(list(parts.glob("d*.parquet")))
+            for part in parts.glob("[!d]*.parquet"):
                 part.unlink()
             shared = spent - seconds(lambda: run(FILM))  # again, but for the detections
-    moved = whole * FILM + pictures * 150 * CHUNKS
+    moved = whole * FILM + pictures * 150 * chunks
     busy = round(shared / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
     found = {"shared_percent": round(100 * shared / spent), "workers_at_1_gb_s": busy}
     return found | {"seconds": spent}

@@ -78,7 +78,7 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # True positions have no scatter, no false ones, and grey values of two levels: darker than the
 # kiln unlit, lighter lit. True links are by place in the image; depths outside the tracker's gate
 # are left out. "Weighted axes" fits our own tracks with axes weighted by one over the RMSE of
-# Table 5.18.
+# Table 5.18. Ignition is tested for papers only, as in the thesis.
 
 # %%
 columns = [*KEYS, "replaced_step", "measurable_particles", "detected_particles", "false_flights"]
