@@ -37,8 +37,8 @@ CELL = re.compile(r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S
 NAMED = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")
 # no traceback of an interruption; bars of long work go to the terminal
 QUIET = ["--IPKernelApp.log_level=CRITICAL", "--IPKernelApp.capture_fd_output=False"]
-# nor what asyncio says of tasks that are left when a kernel ends
-QUIET.append("--IPKernelApp.exec_lines=__import__('logging').getLogger('asyncio').setLevel(50)")
+# nor what asyncio and tornado log of tasks and sockets that are left when a kernel ends
+QUIET.append("--IPKernelApp.exec_lines=__import__('logging').disable()")
 
 
 def known_parameters(path: Path) -> dict[str, object]:
