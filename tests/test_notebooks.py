@@ -29,6 +29,7 @@ TABLES = {  # columns that outside checks read
     "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
     "errata": "where printed recomputed consequence",
     "claims": "id verdict because measured published notebook reason",
+    "choices": "id decided_by result_chosen result_other verdicts_that_turn",
 }
 
 

@@ -78,7 +78,7 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
     made = replace(MADE, notebook="00_claims")
     figures.conclude("One line.", [verdict], made)
     figures.conclude("Nothing to test.", [], MADE)  # no such notebook
-    kept = {"result": "One line.", "verdicts": [asdict(verdict)]}
+    kept = {"result": "One line.", "verdicts": [asdict(verdict)], "choices": []}
     assert figures.index()["notebooks"] == {"00_claims": kept}
     with pytest.raises(InputError, match="judged twice"):
         figures.conclude("One line.", [verdict, verdict], made)

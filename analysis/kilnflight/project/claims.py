@@ -19,7 +19,9 @@ from kilnflight.project import paths
 
 REPRODUCED, NOT_REPRODUCED, OPEN = "reproduced", "not reproduced", "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
-CAUSES = ("twin", "method", "data", "misprint")  # why a claim is not reproduced
+# Why a claim is not reproduced: the work's method or statement fails, ours differs or may, a choice
+# that nothing decides, an input of the simulation, other recordings, a misprint.
+CAUSES = ("work", "implementation", "choice", "twin", "data", "misprint")
 MEASURED, REASON = 60, 160  # characters
 
 
@@ -29,7 +31,9 @@ class Verdict:
 
     id: str
     verdict: str  # one of `VERDICTS`
-    because: str  # one of `CAUSES` if it is not reproduced, else ""
+    because: (
+        str  # one of `CAUSES` if it is not reproduced; "choice" if that leaves it open; else ""
+    )
     measured: str  # at most 60 characters
     published: str  # sentence of the claim
     reason: str = ""  # one sentence
@@ -133,7 +137,8 @@ def collect() -> pd.DataFrame:
     """Return the verdict on every claim, in the order of claims.csv.
 
     Verdicts come from the folder of figures, where each notebook saved its own. A claim without one
-    is open.
+    is open, and so is one whose verdict turns with a choice that neither text nor tools decide
+    (`kilnflight.project.choices`).
 
     Returns
     -------
@@ -145,10 +150,11 @@ def collect() -> pd.DataFrame:
     InputError
         If two notebooks judge the same claim.
     """
-    from kilnflight.project import figures
+    from kilnflight.project import choices, figures
 
     known, concluded = load(), figures.index()["notebooks"].items()
     rows = [{**row, "notebook": stem} for stem, each in concluded for row in each["verdicts"]]
+    rows = choices.opened(rows, choices.compared())
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
     judged = pd.DataFrame(rows, columns=names).set_index("id")
     for claim_id in judged.index[judged.index.duplicated()]:

@@ -30,6 +30,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
+from kilnflight.project import choices as unprinted
 from kilnflight.project import claims, paths
 from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.style import mark, style
@@ -152,8 +153,13 @@ def save(
     return HTML(f"<figure id='{identifier}'>{body}{words}</figure>")
 
 
-def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> HTML:
-    """Save a notebook's result and its verdicts; the last call of every notebook.
+def conclude(
+    result: str,
+    verdicts: Iterable[claims.Verdict],
+    provenance: Provenance,
+    choices: Iterable[unprinted.Comparison] = (),
+) -> HTML:
+    """Save a notebook's result, its verdicts and its choices; the last call of every notebook.
 
     Parameters
     ----------
@@ -163,15 +169,33 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
         From `kilnflight.project.claims.check`, each claim once.
     provenance
         From `trace`.
+    choices
+        From `kilnflight.project.choices.compare`: results with both values of what no work prints.
+        A verdict that turns with a choice that nothing decides is open.
     """
-    rows = [asdict(verdict) for verdict in verdicts]
+    compared = [asdict(each) for each in choices]
+    rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
     if len({row["id"] for row in rows}) < len(rows):
         raise InputError(f"{provenance.notebook}: a claim is judged twice; judge it once.")
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
-    _write({}, "notebooks", provenance.notebook, {"result": result, "verdicts": rows})
+    entry = {"result": result, "verdicts": rows, "choices": compared}
+    _write({}, "notebooks", provenance.notebook, entry)
     shown = pd.DataFrame(rows, columns=["id", "verdict", "because", "measured", "reason"])
     table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
-    return HTML(f"<div class='concluded'><p>{html.escape(result)}</p>{table}</div>")
+    return HTML(
+        f"<div class='concluded'><p>{html.escape(result)}</p>{table}{_beside(compared)}</div>"
+    )
+
+
+def _beside(compared: list[dict[str, Any]]) -> str:
+    """Return the results with both values of each choice as HTML."""
+    if not compared:
+        return ""
+    rows = pd.DataFrame(compared)
+    rows["turns"] = rows["turns"].str.join(" ")
+    rows.columns = ["choice", "quantity", "ours", "other value", "verdicts that turn"]
+    text = rows.to_html(index=False, border=0)
+    return f"<p>What no work prints (notebook 01), with ours and with the other value:</p>{text}"
 
 
 def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[str, Any]) -> None:

@@ -1,0 +1,150 @@
+"""Choices that no work prints: load them, compare both values, name the verdicts that turn.
+
+data/reference/choices.csv has one row for each choice: what is not printed, what is chosen, what
+else could be, and what decides. A chapter's notebook computes the result with both values once and
+hands it to `kilnflight.project.figures.conclude`. Notebook 01 shows all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from kilnflight.checks import InputError
+from kilnflight.project import claims, paths
+
+# What can decide a choice. Sentences and the authors' programs are evidence; the others are not.
+DECIDED_BY = ("text", "tools", "identified", "assumption")
+UNDECIDED = ("identified", "assumption")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One result with the chosen and with the other value."""
+
+    id: str
+    quantity: str  # with its unit
+    chosen: str  # at most 60 characters, like `other`
+    other: str
+    turns: tuple[str, ...] = ()  # ids of the claims whose verdict differs
+
+
+def load() -> pd.DataFrame:
+    """Load data/reference/choices.csv: one row per choice, indexed by id, all text."""
+    path = paths.reference() / "choices.csv"
+    return pd.read_csv(path, dtype=str, keep_default_na=False).set_index("id")
+
+
+def compare(
+    choice_id: str, quantity: str, *, chosen: object, other: object, turns: Iterable[str] = ()
+) -> Comparison:
+    """Return the comparison of a result with both values of a choice.
+
+    Parameters
+    ----------
+    choice_id
+        Id in data/reference/choices.csv.
+    quantity
+        What is compared, with its unit.
+    chosen, other
+        Result with our value and with the other one: a number, or a text of at most 60 characters.
+    turns
+        Ids of the claims whose verdict differs, from `turned`.
+
+    Raises
+    ------
+    InputError
+        If the id is unknown or a text is too long.
+    """
+    if choice_id not in load().index:
+        raise InputError(f"no choice {choice_id!r} in data/reference/choices.csv; check the id.")
+    return Comparison(
+        id=choice_id,
+        quantity=quantity,
+        chosen=_short(choice_id, chosen),
+        other=_short(choice_id, other),
+        turns=tuple(turns),
+    )
+
+
+def _short(choice_id: str, value: object) -> str:
+    """Return a result as text; numbers with four digits."""
+    if isinstance(value, float):
+        return "-" if pd.isna(value) else f"{value:.4g}"
+    text = str(value)
+    if len(text) > claims.MEASURED:
+        raise InputError(
+            f"choice {choice_id}: {text!r} has {len(text)} characters of {claims.MEASURED}."
+        )
+    return text
+
+
+def turned(checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]) -> tuple[str, ...]:
+    """Return the ids of the claims whose verdict differs between two lists of verdicts."""
+    verdicts = {each.id: each.verdict for each in others}
+    return tuple(each.id for each in checks if verdicts.get(each.id, each.verdict) != each.verdict)
+
+
+def undecided(comparisons: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the claims that turn with a choice that neither text nor tools decide.
+
+    Keys are ids of claims, values the ids of the choices, joined by blanks.
+    """
+    decided_by = load()["decided_by"]
+    found: dict[str, list[str]] = {}
+    for each in comparisons:
+        if decided_by[each["id"]] in UNDECIDED:
+            for claim in each["turns"]:
+                found.setdefault(claim, []).append(each["id"])
+    return {claim: " ".join(sorted(set(names))) for claim, names in found.items()}
+
+
+def opened(
+    verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return verdicts, of which those that turn with an undecided choice are open."""
+    turning = undecided(comparisons)
+    rows = []
+    for row in verdicts:
+        if row["id"] in turning:
+            row = {**row, "verdict": claims.OPEN, "because": "choice"}
+        rows.append(row)
+    return rows
+
+
+def compared() -> list[dict[str, Any]]:
+    """Return the comparisons that all notebooks saved, each with its notebook."""
+    from kilnflight.project import figures
+
+    return [
+        {**each, "notebook": stem}
+        for stem, concluded in figures.index()["notebooks"].items()
+        for each in concluded.get("choices", [])
+    ]
+
+
+def collect() -> pd.DataFrame:
+    """Return every choice with its results, in the order of choices.csv.
+
+    Returns
+    -------
+    DataFrame
+        The columns of choices.csv; ``quantity``, ``result_chosen`` and ``result_other``, one entry
+        for each comparison, joined by semicolons; ``verdicts_that_turn``, ids of claims;
+        ``notebook``. Empty where no notebook compared.
+    """
+    table = load()
+    texts = {"quantity": "quantity", "result_chosen": "chosen", "result_other": "other"}
+    for column in (*texts, "verdicts_that_turn", "notebook"):
+        table[column] = ""
+    rows = pd.DataFrame(compared(), columns=["id", *texts.values(), "turns", "notebook"])
+    for choice_id, part in rows.groupby("id"):
+        for column, name in texts.items():
+            table.loc[choice_id, column] = "; ".join(part[name])
+        turning = dict.fromkeys(claim for turns in part["turns"] for claim in turns)
+        table.loc[choice_id, "verdicts_that_turn"] = " ".join(turning)
+        table.loc[choice_id, "notebook"] = " ".join(dict.fromkeys(part["notebook"]))
+    return table.reset_index()

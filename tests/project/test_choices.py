@@ -1,0 +1,95 @@
+import re
+
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.project import choices, claims, figures
+from kilnflight.project.figures import Provenance
+
+MADE = Provenance("00_claims")
+
+
+@pytest.fixture
+def decided(monkeypatch):
+    """Two choices: one that the text decides, and one that nothing does."""
+    row = {"where": "4", "not_printed": "r", "chosen": "1", "others": "2", "evidence": "T"}
+    rows = [
+        {"id": "A1", **row, "decided_by": "text", "claims_touched": "bg-1"},
+        {"id": "A2", **row, "decided_by": "assumption", "claims_touched": "bg-2"},
+    ]
+    table = pd.DataFrame(rows).set_index("id")
+    monkeypatch.setattr(choices, "load", table.copy)
+
+
+def test_a_verdict_turns_where_the_two_values_judge_differently():
+    ours = [claims.check("bg-1", True), claims.check("bg-2", False), claims.check("bg-5", None)]
+    other = [claims.check("bg-1", False), claims.check("bg-2", False), claims.check("bg-5", True)]
+    assert choices.turned(ours, other) == ("bg-1", "bg-5")
+    assert choices.turned(ours, ours) == choices.turned(ours, []) == ()
+
+
+@pytest.mark.usefixtures("decided")
+def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
+    checks = [claims.check("bg-1", True), claims.check("bg-2", False)]
+    compared = [
+        choices.compare("A1", "F1", chosen=0.912345, other=float("nan"), turns=["bg-1"]),
+        choices.compare("A2", "F1", chosen=0.9, other="none", turns=["bg-2"]),
+    ]
+    figures.conclude("One.", checks, MADE, choices=compared)
+    judged = claims.collect().set_index("id")
+    assert judged.loc["bg-1", ["verdict", "because"]].tolist() == ["reproduced", ""]
+    assert judged.loc["bg-2", ["verdict", "because"]].tolist() == ["open", "choice"]
+    table = choices.collect().set_index("id")
+    assert table.loc["A1", ["result_chosen", "result_other"]].tolist() == ["0.9123", "-"]
+    assert table.loc["A2", "verdicts_that_turn"] == "bg-2"
+    assert table.loc["A2", "notebook"] == "00_claims"
+
+
+@pytest.mark.usefixtures("decided")
+def test_a_choice_of_one_notebook_opens_the_verdict_of_another():
+    compared = [choices.compare("A2", "F1", chosen=1, other=2, turns=["bg-2"])]
+    figures.conclude("One.", [claims.check("bg-2", True)], Provenance("20_backgrounds"))
+    figures.conclude("Two.", [], MADE, choices=compared)
+    assert claims.collect().set_index("id").loc["bg-2", "because"] == "choice"
+
+
+def test_a_choice_without_a_result_is_empty_and_an_unknown_one_is_an_error():
+    assert set(choices.collect()["result_chosen"]) == {""}
+    with pytest.raises(InputError, match="no choice 'X9'"):
+        choices.compare("X9", "F1", chosen=1, other=2)
+    with pytest.raises(InputError, match="61 characters"):
+        choices.compare("D1", "F1", chosen="x" * 61, other=2)
+
+
+# data/reference/choices.csv
+
+
+def test_every_choice_says_what_decides_it_and_which_claims_it_touches():
+    table, known = choices.load(), claims.load()
+    assert table.index.is_unique
+    assert set(table["decided_by"]) <= set(choices.DECIDED_BY)
+    filled = table[["where", "not_printed", "chosen", "others", "evidence"]]
+    assert (filled != "").all(axis=None)
+    touched = {claim for names in table["claims_touched"] for claim in names.split()}
+    assert touched - set(known.index) == set()
+
+
+def test_a_text_that_decides_is_named_by_its_line_or_quoted():
+    table = choices.load()
+    texts = table.loc[table["decided_by"] == "text", "evidence"]
+    named = texts.str.contains(r"T:\d+|Fig\.|Eq\.|section|\"", regex=True)
+    assert named.all(), texts[~named].to_dict()
+
+
+def test_a_number_that_identified_a_choice_tests_no_claim():
+    """Such a number is an input. It is named like table_5.6/Total/f1 in both files."""
+    key = r"[\w.]+/[\w .+-]+/\w+"
+    table = choices.load()
+    evidence = table.loc[table["decided_by"] == "identified", "evidence"]
+    named = {number for text in evidence for number in re.findall(key, text)}
+    tested = claims.load()["tests"].fillna("")
+    assert len(named) >= 3
+    for number in named:
+        testing = tested[[number in each.split("; ") for each in tested]]
+        assert testing.empty, f"{number} is an input, but tests {', '.join(testing.index)}"
