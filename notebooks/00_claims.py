@@ -93,9 +93,8 @@ pd.crosstab(flown["quantity"].str.split().str[0], flown["recovered"])
 # %%
 checks = errata.recompute()
 source = checks["where"].str.split(",").str[0]
-per_source = checks.groupby(source, sort=False)["agrees"].agg(checked="size", agree="sum")
+per_source = checks.groupby([source, "kind"], sort=False)["agrees"].agg(checked="size", agree="sum")
 per_source["disagree"] = per_source["checked"] - per_source["agree"]
-per_source.loc["all"] = per_source.sum()
 per_source
 
 # %% [markdown]
@@ -113,6 +112,7 @@ wrong = pd.DataFrame(
         "printed": wrong["printed"],
         "recomputed": recomputed,
         "consequence": wrong["consequence"],
+        "kind": wrong["kind"],
     }
 )
 caption = (
@@ -153,5 +153,12 @@ equation[["quantity", "printed", "recomputed"]]
 # ## Result
 
 # %%
-result = f"{len(wrong)} of {len(checks)} printed numbers do not follow from those around them."
+number, every = wrong["kind"] == "number", (checks["kind"] == "number").sum()
+last = (wrong["consequence"] == "no: last digits only").sum()
+touching = wrong["consequence"].str.match("yes|in part").sum()
+result = (
+    f"{number.sum()} of {every} printed numbers do not follow from those around them ({last} in "
+    f"the last digit). {(~number).sum()} sentences, signs or captions contradict their context. "
+    f"{touching} touch a conclusion: by its own counts QCC is the worst 3D method, not the best."
+)
 figures.conclude(result, [], origin)

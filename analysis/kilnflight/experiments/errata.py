@@ -283,6 +283,15 @@ def check_statements() -> Iterator[Check]:
 
 
 def recompute() -> pd.DataFrame:
-    """Return every check, one row each: where, quantity, printed, recomputed, agrees."""
+    """Return every check, one row each.
+
+    Returns
+    -------
+    DataFrame
+        The fields of `Check`, and ``kind``: a printed "number", or a "sentence", which includes
+        signs, bounds and captions.
+    """
     steps = (check_rates, check_sums, check_totals, check_durations, check_statements)
-    return pd.DataFrame([check for step in steps for check in step()], columns=Check._fields)
+    table = pd.DataFrame([check for step in steps for check in step()], columns=Check._fields)
+    is_number = table["printed"].str.fullmatch(r"\d+(\.\d+)?%?")
+    return table.assign(kind=np.where(is_number, "number", "sentence"))
