@@ -95,6 +95,7 @@ class Joining(PathStep):
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
     jump: float = np.inf  # px/frame by which a step may exceed the usual ones of both tracklets
     half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
+    average: bool = False  # whether F is divided by pixels; see `texture_energy`
     costs: Costs = field(default_factory=Costs)
     matching: Callable[[Candidates], Index] = dual_nearest  # indices of the pairs to join
     nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
@@ -207,7 +208,7 @@ class Joining(PathStep):
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
             start, end = paths.place[last[i], :2], paths.place[first[k], :2]
             period = int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())
-            energy[n] = level_edge(start, end, period, differences, self.half_width)
+            energy[n] = level_edge(start, end, period, differences, self.half_width, self.average)
         return pairs._replace(cost=pairs.cost + self.costs.feature / np.maximum(energy, 1.0))
 
 
@@ -225,8 +226,8 @@ class Connection(Joining):
     overlap without a common frame, the points before and after the overlap count. (4) The terms of
     Eq. 4.24 are means over the connected part, 0 without a value. Weight d is for the gap and e
     for the overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
-    ``differences`` the last term is left out; f belongs to the energies of the thesis, of order
-    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`dual_nearest`). (7) The
+    ``differences`` the last term is left out. (6) A tracklet is joined once per iteration
+    (`dual_nearest`). (7) The
     text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
     spares a jump straight ahead, however far, and to and fro between two that overlap. So no
     step of the connected part may be faster than both tracklets usually are (the larger of their

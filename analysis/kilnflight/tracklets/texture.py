@@ -16,7 +16,9 @@ LAWS_LEVEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])  # Eq. 4.25, thesis
 LAWS_EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
 
 
-def texture_energy(window: Array, first: Array, second: Array, inside: Any = ...) -> float:
+def texture_energy(
+    window: Array, first: Array, second: Array, inside: Any = ..., average: bool = False
+) -> float:
     """Return the texture energy of two masks on a sum of frame differences.
 
     The masks are Laws' (Eq. 4.25); the level-edge pair responds most to streaks (Fig. 4.13).
@@ -29,29 +31,42 @@ def texture_energy(window: Array, first: Array, second: Array, inside: Any = ...
         Masks of Laws, (5,), one along the rows and one along the columns.
     inside
         (rows, cols) bool, pixels that count; default: all.
+    average
+        Whether to divide by the number of responses that are not zero.
 
     Returns
     -------
     float
-        Mean of the absolute responses that are not zero.
+        Sum of the absolute responses, grey values.
 
     Notes
     -----
-    The absolute responses of the masks and of their transpose are averaged. Their sum is divided
-    by the number of pixels that are not zero. The thesis does not mention absolute values. Without
-    them a streak's two edges cancel in the sum, and the two transposes on one of the diagonals.
-    Beyond its border the window goes on with its outermost pixels.
+    The absolute responses of the masks and of their transpose are averaged, then summed.
+    Section 4.2.3 goes on to divide by the number of pixels that are not zero. But its energies
+    are "of order 10^8" (Fig. 4.13), which a sum over a window reaches. A mean does not: one frame
+    adds at most 16 x 3 x 65,535 = 3e6 to a response. So the sum is taken. The thesis does not
+    mention absolute values. Without them a streak's two edges cancel in the sum, and the two
+    transposes on one of the diagonals. Beyond its border the window goes on with its outermost
+    pixels.
     """
     responses = [
         np.abs(cv2.sepFilter2D(window, cv2.CV_64F, *masks, borderType=cv2.BORDER_REPLICATE))
         for masks in ((first, second), (second, first))
     ]
     values = (responses[0] + responses[1])[inside] / 2
-    return float(values.sum() / max(np.count_nonzero(values), 1))
+    total = float(values.sum())
+    if average:
+        total /= max(int(np.count_nonzero(values)), 1)
+    return total
 
 
 def level_edge(
-    start: Array, end: Array, period: tuple[int, int], differences: Any, half_width: float = 15.0
+    start: Array,
+    end: Array,
+    period: tuple[int, int],
+    differences: Any,
+    half_width: float = 15.0,
+    average: bool = False,
 ) -> float:
     """Return the level-edge energy between two tracklets (F of Eq. 4.24).
 
@@ -67,6 +82,8 @@ def level_edge(
         (frames, rows, cols), see `kilnflight.tracklets.postprocess`.
     half_width
         w of Table 5.16, px.
+    average
+        As for `texture_energy`.
 
     Returns
     -------
@@ -98,7 +115,9 @@ def level_edge(
     # Rounded, so that a connection shorter than a pixel still has a line of pixels.
     within = (along >= np.floor(first + 0.5)) & (along <= np.floor(last + 0.5))
     inside = within[:, None] & (np.abs(across - centre[:, None]) <= half_width)
-    return texture_energy(image, LAWS_LEVEL, LAWS_EDGE, inside if lying == 0 else inside.T)
+    if lying:
+        inside = inside.T
+    return texture_energy(image, LAWS_LEVEL, LAWS_EDGE, inside, average)
 
 
 def window_corners(start: Array, end: Array, half_width: float = 15.0) -> Array:
