@@ -44,16 +44,32 @@ def test_two_that_cross_and_one_that_hides_for_three_frames(associator, motion):
     assert not track(hidden, associator)["particle"].any()
 
 
-def test_tracks_end_that_are_hidden_too_long_or_seen_too_seldom():
-    """Seen in frames 0, 1, then every third: 3 of 7 frames are 0.43, 3 of 8 are 0.375."""
+def test_tracks_end_that_are_hidden_too_long():
     for last, particles in ((10, 1), (11, 2)):
         hidden = FLIGHT[~FLIGHT["frame"].between(8, last)]
         management = Management(visibility=0.0, invisible=3)
         assert track(hidden, management=management)["particle"].nunique() == particles
-    seldom = FLIGHT[FLIGHT["frame"].isin([0, 1, 4, 8])]
-    assert track(seldom)["particle"].tolist() == [0, 0, 0, 1]
-    for management in (Management(visibility_age=9), Management(visibility=0.0)):
-        assert not track(seldom, management=management)["particle"].any()
+
+
+@pytest.mark.parametrize(
+    ("visibility", "seen", "expected"),
+    [
+        (0.5, [0, 2, 3], [0, 0, 0]),  # 1 of 2 frames when it is seen again, not below the limit
+        (0.51, [0, 2, 3], [0, 1, 1]),  # the second frame is missed, and the track ends at once
+        (0.4, [0, 1, 4, 5], [0, 0, 0, 0]),  # 2 of 4
+        (0.4, [0, 1, 5, 6], [0, 0, 0, 0]),  # 2 of 5
+        (0.4, [0, 1, 6, 7], [0, 0, 1, 1]),  # 2 of 6
+        (0.4, [0, 3, 4], [0, 1, 1]),  # 1 of 3
+        (0.0, [0, 3, 4], [0, 0, 0]),
+    ],
+)
+def test_visibility_is_tested_from_the_first_frame_on(visibility, seen, expected):
+    """Eq. 4.14; another particle keeps the frames coming."""
+    other = flight((900, 900), (0, 0))
+    table = together(FLIGHT[FLIGHT["frame"].isin(seen)], other)
+    found = track(table, management=Management(visibility=visibility))
+    names = found.loc[found["truth"] == 0, "particle"]
+    assert pd.factorize(names)[0].tolist() == expected
 
 
 def test_two_discs_at_one_pixel_are_two_detections_and_a_repeated_row_is_refused():

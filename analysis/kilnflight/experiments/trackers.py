@@ -1,26 +1,108 @@
-"""GNN and JPDA in the settings that the thesis does not print (data/reference/trackers.csv)."""
+"""GNN and JPDA in the settings that the thesis does not print (data/reference/trackers.csv).
 
+Both limits of Eq. 4.14 are identified by the eight JSC_theta without post-processing of Table
+5.17, and by nothing else: these eight numbers then test nothing.
+
+    python -m kilnflight.experiments.trackers
+
+tries all `LIMITS` on the full windows and writes data/reference/tracker_limits.csv.
+"""
+
+from collections.abc import Iterable
 from functools import partial
+from itertools import product
 
 import pandas as pd
+from tqdm import tqdm
 
-from kilnflight.association import GNN, JPDA
-from kilnflight.experiments.tracking import Tracker
+from kilnflight.association import GNN, JPDA, Associator
+from kilnflight.experiments import campaigns, tracking
+from kilnflight.experiments import tracking_scores as scores
+from kilnflight.experiments.tracking import Tracker, Window
 from kilnflight.project import paths
+from kilnflight.project.cache import write_whole
 from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track
 
+# Visibility and missed frames that are tried. After one miss in the second frame the visibility is
+# 1/2, after two misses 1/3. Gaps of up to 15 frames are closed afterwards (Table 5.16).
+LIMITS = [(0.0, 0), *product((0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), (1, 2, 3, 5, 8, 15))]
 
-def chosen(name: str) -> Tracker:
-    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv.
 
-    The file holds, in this order, the gate in standard deviations, the acceleration noise in
-    px/frame^1.5, and the number of missed frames after which a track ends. The values give the
-    largest beta on other frames than those of Table 5.17.
+def settings() -> pd.DataFrame:
+    """Return trackers.csv: one row per setting with its value for each tracker.
+
+    ``decided_by`` is "print", "identified" or "assumption".
     """
-    table = pd.read_csv(paths.reference() / "trackers.csv", index_col="tracker")
-    gate_sd, noise, missed_frames = table.loc[name].to_numpy()
-    motion = ConstantVelocity(acceleration_noise=float(noise))
-    management = Management(invisible=int(missed_frames))
-    associator, gate = GNN() if name == "GNN" else JPDA(), Gate(float(gate_sd))
+    return pd.read_csv(paths.reference() / "trackers.csv", index_col="setting")
+
+
+def chosen(name: str, **changes: float) -> Tracker:
+    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv, or with ``changes``."""
+    value = {**settings()[name], **changes}
+    associator: Associator
+    if name == "GNN":
+        associator = GNN(value["size_weight"], value["nonassignment_cost"])
+        management = Management(value["visibility"], int(value["missed_frames"]))
+    else:
+        associator = JPDA(value["detection_probability"], value["size_weight"])
+        missed = int(value["missed_frames"])
+        management = Management(value["visibility"], missed, used=value["used"])
+    motion = ConstantVelocity(
+        velocity_sd=value["velocity_sd"],
+        acceleration_noise=value["acceleration_noise"],
+        measurement_sd=value["measurement_sd"],
+    )
+    gate = Gate(value["gate"], value["depth_gate"])
     return partial(track, associator=associator, motion=motion, gate=gate, management=management)
+
+
+def identify(
+    windows: Iterable[Window], limits: Iterable[tuple[float, int]] = tuple(LIMITS)
+) -> pd.DataFrame:
+    """Return the misfit of each setting of the limits of Eq. 4.14, the best first.
+
+    One setting holds for both trackers and all windows. Its misfit is the sum of squared
+    differences of JSC_theta without post-processing from Table 5.17, eight numbers. Of equal
+    misfits the one that is tried first is the best.
+
+    Parameters
+    ----------
+    windows
+        Windows with their detections and truth.
+    limits
+        Visibility and missed frames of each setting.
+
+    Returns
+    -------
+    DataFrame
+        ``visibility``, ``missed_frames``, ``misfit``, and JSC_theta of each window and tracker, in
+        columns such as "wood chip, GNN".
+    """
+    printed = scores.published().query("postprocessing == 'without' and measure == 'jsc_theta'")
+    wanted = printed.set_index(["fraction", "tracker"])["published"]
+    parts = list(windows)
+    rows = []
+    for visibility, missed in tqdm(list(limits), "limits of tracks", disable=None):
+        row = {"visibility": visibility, "missed_frames": missed, "misfit": 0.0}
+        for window, name in product(parts, scores.TRACKERS):
+            tracker = chosen(name, visibility=visibility, missed_frames=missed)
+            tracks = tracker(window.detections)
+            score = scores.score_from_lance(window.truth, tracks, window.lance)
+            value = scores.measures_of(score)["jsc_theta"]
+            row[f"{window.fraction}, {name}"] = value
+            row["misfit"] += (value - wanted[window.fraction, name]) ** 2
+        rows.append(row)
+    return pd.DataFrame(rows).sort_values("misfit", kind="stable", ignore_index=True)
+
+
+def main() -> None:
+    """Identify both limits on the full windows; print all settings and keep them."""
+    learned = campaigns.settings_from_labels("full")
+    table = identify(tracking.windows("full", learned)).round(4)
+    write_whole(paths.reference() / "tracker_limits.csv", table.to_csv(index=False).encode())
+    print(table.to_string())
+
+
+if __name__ == "__main__":
+    main()

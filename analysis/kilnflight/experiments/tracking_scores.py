@@ -2,8 +2,9 @@
 
 The thesis marks trajectories "that originate from the lance and continue for some time" (section
 5.2.1) and keeps those "starting from the lance" (section 4.2.5). Neither place nor time is
-printed. `from_lance` is that restriction, for true and for tracked trajectories alike, with and
-without post-processing.
+printed. `from_lance` restricts true and tracked trajectories alike, with and without
+post-processing. "For some time" is said of the truth alone, so `lasting` restricts nothing else:
+a short false track is false.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 # pieces of one trajectory are at most 15 frames apart (t_epsilon,CONNECT, Table 5.16).
 WITHIN_PX, WITHIN_MM = 200.0, 1000.0  # of the exit, in the picture and in depth
 FIRST = 3  # positions, whose median is robust against one that is wrong
-LEAST_FRAMES = 15  # from first to last
+LEAST_FRAMES = 15  # of a true trajectory, from first to last
 
 Key = tuple[str, ...]  # of `KEYS`
 
@@ -53,10 +54,10 @@ class Lance(NamedTuple):
 
 
 def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
-    """Return the rows of tracks that start at the lance and continue for some time.
+    """Return the rows of tracks that start at the lance.
 
     The median of the first `FIRST` positions must be within `WITHIN_PX` of the outlet, and within
-    `WITHIN_MM` of its depth if that is known. A track must last `LEAST_FRAMES` frames.
+    `WITHIN_MM` of its depth if that is known.
 
     Parameters
     ----------
@@ -75,10 +76,23 @@ def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
     px = np.hypot(first["row"] - lance.row, first["col"] - lance.col)
     off = pd.DataFrame({"px": px, "mm": (first["z"] - lance.depth_mm).abs()})
     start = off.groupby(first["particle"]).median()
-    frames = kept.groupby("particle")["frame"].agg(["min", "max"])
     near = (start["px"] <= WITHIN_PX) & ~(start["mm"] > WITHIN_MM)
-    long = frames["max"] - frames["min"] + 1 >= LEAST_FRAMES
-    return kept[kept["particle"].isin(start.index[near & long])]
+    return kept[kept["particle"].isin(start.index[near])]
+
+
+def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of tracks that last `LEAST_FRAMES` frames, from first to last."""
+    kept = tracklets.tracked(tracks)
+    frames = kept.groupby("particle")["frame"]
+    return kept[frames.transform("max") - frames.transform("min") + 1 >= LEAST_FRAMES]
+
+
+def score_from_lance(truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance) -> TrackScore | None:
+    """Return the score of tracks from the lance; None without a true trajectory from there."""
+    true = lasting(from_lance(truth, lance))
+    if true.empty:
+        return None
+    return score_tracks(true, from_lance(tracks, lance), GATE_PX)
 
 
 def measures_of(score: TrackScore | None) -> dict[str, float]:
@@ -123,10 +137,9 @@ def score_cell(
         Seed of the bootstrap. Its first number must be the same in all cells of a window: it draws
         the true trajectories. The whole draws the false tracks.
     """
-    true = from_lance(truth, lance)
-    if not len(true):
+    score = score_from_lance(truth, tracks, lance)
+    if score is None:
         return Scored(key, None, np.full((DRAWS, len(MEASURES)), np.nan))
-    score = score_tracks(true, from_lance(tracks, lance), GATE_PX)
     return Scored(key, score, track_draws(score, seed[:1], seed))
 
 

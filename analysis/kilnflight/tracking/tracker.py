@@ -56,26 +56,23 @@ class Management:
     that brakes by 0.3 px/frame^2 leaves its prediction by about 5 px. Longer gaps, up to 15 frames,
     are closed afterwards (t_eps,CONNECT of Table 5.16). ``visibility``: SIFT finds about half of
     the particles that do not burn and all of those that do (section 5.1), so a true track nearly
-    always lies above 0.4. One miss in the second frame makes 0.5 and another 1/3, so it is tested
-    from ``visibility_age`` on only. Frames without detections count. ``used``: a detection with a
+    always lies above 0.4. As printed it is tested from the first frame on: one miss in the second
+    frame makes 0.5, another 1/3. Frames without detections count. ``used``: a detection with a
     tenth of a track's weight is part of the recorded position.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
     invisible: int = 5  # CIC_eps, frames in a row; not printed
-    visibility_age: int = 4  # frames of life from which visibility is tested; not printed
     used: float = 0.1  # weight in a track from which a detection starts none; not printed
 
     def __post_init__(self) -> None:
         check_number(self.visibility, "Management: visibility", least=0, most=1)
         check_number(self.invisible, "Management: invisible", least=0, whole=True)
-        check_number(self.visibility_age, "Management: visibility_age", least=0, whole=True)
         check_number(self.used, "Management: used", least=0, most=1)
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each of n tracks lives on in ``frame``, (n,)."""
-        age = frame - tracks["born"]
-        seldom = (age >= self.visibility_age) & (tracks["visible"] < self.visibility * age)
+        seldom = tracks["visible"] < self.visibility * (frame - tracks["born"])
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
