@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight import tracklets
-from kilnflight.experiments import tracking
+from kilnflight.experiments import trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.tracking.tracker import track
 
@@ -33,7 +33,7 @@ def test_each_part_is_replaced_by_the_truth():
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
     seen = pd.concat([seen, clutter]).sort_values("frame", ignore_index=True)
-    window = tracking.Window("confetti", range(30), seen, truth, Flat(), LANCE)
+    window = tracking.Window("confetti", range(30), seen, truth, truth, Flat(), LANCE)
     owner = tracking.true_particles(seen, truth)
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
@@ -60,20 +60,66 @@ def test_defaults_of_the_steps_are_those_of_table_5_16():
     assert tuple(vars(connection.costs).values()) == (2.0, 2.0, 0.1, 1.0, 2.0, 1e11)
 
 
-def test_what_starts_at_the_lance_and_continues_is_kept():
+def test_what_starts_at_the_lance_is_kept_and_what_continues():
     elsewhere, short = path(1, col=1300.0), path(2, frames=range(50, 64))
     in_front, no_depth = path(3, z=5000.0), path(4, z=np.nan)
     backwards = path(5).assign(frame=lambda t: t["frame"].to_numpy()[::-1])
     tracks = pd.concat([path(-1), path(0), elsewhere, short, in_front, no_depth, backwards])
-    assert sorted(scores.from_lance(tracks, LANCE)["particle"].unique()) == [0, 4]
+    assert sorted(scores.from_lance(tracks, LANCE)["particle"].unique()) == [0, 2, 4]
+    gap = path(6, frames=[50, 51, 64])
+    assert sorted(scores.lasting(pd.concat([tracks, gap]))["particle"].unique()) == [
+        0,
+        1,
+        3,
+        4,
+        5,
+        6,
+    ]
 
 
-def test_truth_and_tracks_are_restricted_alike():
-    truth = pd.concat([path(0), path(1, col=1300.0, row=900.0)])
-    tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0)])
-    cell = scores.score_cell(("a", "GNN", "with"), truth, tracks, LANCE, (1, 1, 2))
-    found = scores.measures_of(cell.score)
-    assert (found["alpha"], found["beta"], found["jsc_theta"]) == (1.0, 0.5, 0.5)
+def test_short_true_trajectories_do_not_count_and_short_false_tracks_do():
+    """Two of three true trajectories last; one false track of three frames is at the lance."""
+    short, false = path(2, row=600.0, frames=range(14)), path(3, row=640.0, frames=range(3))
+    truth = pd.concat([path(0), path(1, row=430.0), short, path(4, col=1300.0, row=900.0)])
+    tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0), false])
+    score = scores.score_from_lance(truth, tracks, LANCE)
+    assert (score.tp_tracks, score.fn_tracks, score.fp_tracks) == (2, 0, 1)
+    assert (score.alpha, score.beta, score.jsc) == (1.0, 40 / 43, 40 / 43)
+    dropped = scores.score_from_lance(truth, scores.lasting(tracks), LANCE)
+    assert dropped.beta == dropped.jsc_theta == 1.0
+    assert scores.score_from_lance(short, tracks, LANCE) is None
+
+
+def test_limits_of_tracks_are_identified_by_raw_jsc_theta(monkeypatch):
+    """A window whose two flights are hidden in one frame each; print has one track per flight."""
+    truth = pd.concat([path(0), path(1, row=600.0)])
+    hidden = (truth["frame"] == 5) | ((truth["frame"] == 1) & (truth["particle"] == 1))
+    seen = truth[~hidden].drop(columns="particle").sort_values("frame", ignore_index=True)
+    window = tracking.Window("confetti", range(20), seen, truth, truth, Flat(), LANCE)
+    limits = [(0.0, 0), (0.6, 1), (0.5, 1)]
+    keys = {"fraction": "confetti", "measure": "jsc_theta", "postprocessing": "without"}
+    for printed, best, values in (
+        (1.0, (0.5, 1), [1.0, 2 / 3, 2 / 5]),  # nothing is cut
+        (0.6, (0.6, 1), [2 / 3, 2 / 5, 1.0]),  # only the first sighting of the second flight
+        (0.4, (0.0, 0), [2 / 5, 2 / 3, 1.0]),  # at each miss
+    ):
+        table = pd.DataFrame([keys | {"tracker": t, "published": printed} for t in scores.TRACKERS])
+        monkeypatch.setattr(scores, "published", lambda table=table: table)
+        found = trackers.identify([window], limits)
+        assert tuple(found.loc[0, ["visibility", "missed_frames"]]) == best
+        np.testing.assert_allclose(found["confetti, GNN"], values)
+        both = (found[["confetti, GNN", "confetti, JPDA"]] - printed) ** 2
+        np.testing.assert_allclose(found["misfit"], both.sum(axis=1))
+
+
+def test_trackers_are_as_their_table_says():
+    """What decides each setting is named."""
+    table = trackers.settings()
+    assert set(table["decided_by"]) <= {"print", "identified", "assumption"}
+    tracker = trackers.chosen("GNN", missed_frames=7).keywords
+    assert tracker["management"].invisible == 7
+    assert tracker["gate"].distance == table.loc["gate", "GNN"]
+    assert trackers.chosen("JPDA").keywords["gate"].distance < tracker["gate"].distance
 
 
 def right(seen):
@@ -91,7 +137,7 @@ def cells():
     truth = pd.concat([path(k, frames=range(30 * k, 30 * k + 20)) for k in range(12)])
     seen = truth.drop(columns="particle").reset_index(drop=True)
     windows = [
-        tracking.Window(name, range(360), seen, truth, Flat(), LANCE)
+        tracking.Window(name, range(360), seen, truth, truth, Flat(), LANCE)
         for name in scores.SINGULARS.values()
     ]
     return tracking.cells(windows, tracking.follow_all(windows, {"GNN": right, "JPDA": half}))

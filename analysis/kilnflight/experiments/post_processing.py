@@ -134,7 +134,7 @@ def _empty_place(
     Only positions in ``frames`` (first and last) count. The distance is three times the box.
     """
     rows, cols = window.differences.shape[1:]
-    now = window.truth[window.truth["frame"].between(*frames)]
+    now = window.visible[window.visible["frame"].between(*frames)]
     for _ in range(1000):
         row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
         if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * max(BOX):

@@ -30,6 +30,7 @@ from kilnflight.experiments.tracking_scores import (
     Lance,
     Scored,
     from_lance,
+    lasting,
     score_cell,
     tabulate,
 )
@@ -37,7 +38,7 @@ from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
-from kilnflight.twin.truth import true_trajectories
+from kilnflight.twin.truth import at_notes, followed, kept_notes
 
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
@@ -54,7 +55,8 @@ class Window(NamedTuple):
     fraction: str
     frames: range
     detections: pd.DataFrame  # `kilnflight.tables.DETECTIONS` in the air, or without depth
-    truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
+    truth: pd.DataFrame  # noted positions of particles in the air (`kilnflight.twin.truth.noted`)
+    visible: pd.DataFrame  # the same with all visible positions, noted or not
     differences: StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
     lance: Lance  # its outlet
 
@@ -68,19 +70,26 @@ def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDAr
     return np.asarray(((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp)
 
 
-def scored_frames(twin: Twin, scale: str) -> range:
+def scored_frames(twin: Twin, scale: str, by_starts: bool = False) -> range:
     """Return the frames of Table 5.15, or the part with most particles.
 
-    A reduced ``scale`` takes `LENGTHS` frames.
+    A reduced ``scale`` takes `LENGTHS` frames. ``by_starts``: see `tracking_window`.
     """
-    within = tracking_window(twin)
+    within = tracking_window(twin, by_starts)
     length = LENGTHS[scale] or len(within)
     starts = range(within.start, within.stop - length + 1)
     start = starts[int(flying_particles(twin, starts, length).argmax())]
     return range(start, start + length)
 
 
-def windows(scale: str, settings: LearnedSettings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
+def windows(
+    scale: str,
+    settings: LearnedSettings,
+    seed: int = 0,
+    *,
+    jobs: int = 1,
+    by_starts: bool = False,
+) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
@@ -93,20 +102,32 @@ def windows(scale: str, settings: LearnedSettings, seed: int = 0, *, jobs: int =
         Seed of the scenes.
     jobs
         Number of processes for the detection.
+    by_starts
+        Whether windows are chosen by the flights that start in them, see `tracking_window`.
     """
     detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
     stored = {}
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         source = TwinSource(campaign_name(fraction, 4.5), seed)
-        frames = scored_frames(source.recording(), scale)
+        frames = scored_frames(source.recording(), scale, by_starts)
         stored[fraction] = StoredDifferences(source, frames, detector, background)
     lengths = [len(each.frames) for each in stored.values()]
     Workers(jobs)(StoredDifferences.make, list(stored.values()), lengths, "detection in windows")
     parts = []
     for fraction, each in stored.items():
         twin, frames = each.source.recording(), each.frames
-        seen, truth = settings.in_air(each.table()), true_trajectories(twin, frames)
-        parts.append(Window(fraction, frames, seen, truth, each, lance_of(twin)))
+        marks = kept_notes(twin, frames)()
+        parts.append(
+            Window(
+                fraction,
+                frames,
+                detections=settings.in_air(each.table()),
+                truth=followed(at_notes(marks)),
+                visible=followed(marks),
+                differences=each,
+                lance=lance_of(twin),
+            )
+        )
     return parts
 
 
@@ -216,23 +237,30 @@ def window_table(windows: Iterable[Window]) -> pd.DataFrame:
     -------
     DataFrame
         ``fraction``, ``first_frame``; numbers of ``frames``, true ``trajectories``, of which
-        ``trajectories_from_lance``, true ``positions``, ``detections``, of which
-        ``of_no_particle`` (paired with no true position within 10 px).
+        ``trajectories_from_lance`` are scored, visible and noted true ``positions``,
+        ``detections``, of which ``of_no_particle`` (paired with no visible true position within
+        10 px).
     """
     rows = [
         {
-            "fraction": fraction,
-            "first_frame": frames.start,
-            "frames": len(frames),
-            "trajectories": truth["particle"].nunique(),
-            "trajectories_from_lance": from_lance(truth, lance)["particle"].nunique(),
-            "positions": len(truth),
-            "detections": len(seen),
-            "of_no_particle": (true_particles(seen, truth) < 0).sum(),
+            "fraction": window.fraction,
+            "first_frame": window.frames.start,
+            "frames": len(window.frames),
+            "trajectories": window.truth["particle"].nunique(),
+            "trajectories_from_lance": scored_truth(window)["particle"].nunique(),
+            "positions_visible": len(window.visible),
+            "positions": len(window.truth),
+            "detections": len(window.detections),
+            "of_no_particle": (true_particles(window.detections, window.visible) < 0).sum(),
         }
-        for fraction, frames, seen, truth, _, lance in windows
+        for window in windows
     ]
     return pd.DataFrame(rows)
+
+
+def scored_truth(window: Window) -> pd.DataFrame:
+    """Return the true trajectories that are scored: from the lance, and lasting."""
+    return lasting(from_lance(window.truth, window.lance))
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:

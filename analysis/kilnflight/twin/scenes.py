@@ -92,39 +92,52 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     )
 
 
-def starting_and_lasting(
+def started_and_whole(
     twin: Twin, starts: npt.ArrayLike, length: int, lasting: int = 15
-) -> Index:
-    """Return how many leave the lance and fly on in so many frames from each start.
+) -> tuple[Index, Index]:
+    """Return how many flights start in so many frames from each start, and how many are whole.
 
-    A particle counts if the lance releases it in them and it flies for ``lasting`` frames of them.
-    15 is the time of `kilnflight.experiments.tracking_scores.from_lance`.
+    The lance releases both in these frames. The first fly for ``lasting`` frames of them, the
+    second end in them as well. 15 is the time of
+    `kilnflight.experiments.tracking_scores.lasting`.
     """
     begin = np.asarray(starts)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
-    ended = np.minimum(released + table["end_s"].to_numpy() * rate, begin + length)
-    counted = (released >= begin) & (ended - released >= lasting)
-    return np.asarray(counted.sum(axis=1), dtype=np.intp)
+    ended = released + table["end_s"].to_numpy() * rate
+    seen = np.minimum(ended, begin + length) - released
+    started = (released >= begin) & (seen >= lasting)
+    whole = started & (ended < begin + length)
+    return started.sum(axis=1), whole.sum(axis=1)
 
 
-def tracking_window(twin: Twin) -> range:
+def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     """Return the frames of a campaign on which its tracking is scored (Table 5.15).
 
-    The thesis counts the trajectories "that originate from the lance and continue for some time"
-    (section 5.2.1) and prints the frames. Fed in bursts, the same frames of another recording hold
-    another number. So the window of the same length is taken in which the number that starts at
-    the lance and lasts is nearest; among equals, the one that starts nearest to the published
-    frame. Windows start at every tenth frame. Only the truth is used, no picture: of those
-    counted, a few may be too faint to be followed by hand.
+    The thesis marks "complete" trajectories that start at the lance (section 5.2.1, Fig. 5.12),
+    and prints their number and the frames. Fed in bursts, the same frames of another recording
+    hold another number. So of all windows of that length the one is taken whose number of whole
+    flights is nearest. Among equals come those that cut the fewest flights, then the one that
+    starts nearest to the published frame. Windows start at every tenth frame. Only the truth is
+    used, no picture: of those counted, a few may be too faint to be followed by hand.
+
+    In a window shorter than a median flight few can be whole. That is so for the 100 frames of
+    paper shreds, or 0.3 s. There all flights that start count. With ``by_starts`` they count in
+    all windows, cut or not.
     """
     fraction = twin.scene.fraction
     if fraction not in WINDOWS:
         raise InputError(f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign.")
     trajectories, length = WINDOWS[fraction]
     starts = np.arange(0, len(twin) - length + 1, 10)
-    off = np.abs(starting_and_lasting(twin, starts, length) - trajectories)
-    best = int(starts[np.lexsort((np.abs(starts - STARTS[fraction]), off))[0]])
+    started, whole = started_and_whole(twin, starts, length)
+    counted, cut = whole, started - whole
+    if by_starts or length < DWELL_S * twin.scene.frame_rate_hz:
+        counted = started
+    if by_starts:
+        cut = np.zeros_like(started)
+    far = np.abs(starts - STARTS[fraction])
+    best = int(starts[np.lexsort((far, cut, np.abs(counted - trajectories)))[0]])
     return range(best, best + length)
 
 

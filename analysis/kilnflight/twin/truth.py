@@ -14,14 +14,19 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Single
 from kilnflight.camera import inside
 from kilnflight.checks import InputError
 from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.twin.flights import BURNT_OUT, LANDED, Flights
-from kilnflight.twin.scene import Twin
+from kilnflight.twin.geometry import FULL_SCALE
+from kilnflight.twin.picture import VISIBLE_PX
+from kilnflight.twin.scene import SceneView, Twin
 
+# A person who notes positions on an 8-bit screen recognises an object at a contrast of 5 % (WMO,
+# meteorological optical range); assumption. The wall has 78 of 255 steps, so that is 4.
+NOTED_STEPS = 4
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
 
 
@@ -61,33 +66,78 @@ def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
 
-def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFrame:
-    """Return the true trajectories in some frames, as a person would follow them.
+def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
+    """Return what is `marked` in frames, with the places that a person notes for tracking.
 
-    Section 5.2.1 of the thesis.
-
-    Parameters
-    ----------
-    twin, frames
-        The recording and the numbers of its frames.
-    shortest
-        Positions that a trajectory has at least: "for some time" is all that was printed.
+    Section 5.2.1: positions are noted by hand, NaN where a particle is invisible. Fig. 5.11 has
+    means of 14 to 31 pixels.
 
     Returns
     -------
     DataFrame
-        The rows of `marked` of particles in the air.
+        The rows of `marked` with ``noted_row`` and ``noted_col``: the centroid, in px, of the
+        pixels in which the particle is lighter than the kiln behind it by `NOTED_STEPS` of 255.
+        NaN with fewer than `VISIBLE_PX` of them.
     """
-    visible = kept_marks(twin, frames)()
-    flying = visible[visible["label"] != 4]
+    parts = []
+    for t in frames:
+        view = twin.view(t)
+        row, col = _light_centroids(view, twin.empty(t))
+        parts.append(_sightings(twin, t, view).assign(noted_row=row, noted_col=col))
+    table = pd.concat(parts, ignore_index=True)
+    return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
+
+
+def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
+    """Return row and column (m,) in px of the light pixels of each particle in a view.
+
+    ``empty`` (rows, columns) is the picture without particles. See `noted`.
+    """
+    recorded = [np.minimum(picture, FULL_SCALE).ravel() for picture in (view.picture, empty)]
+    place = view.pixels.place
+    lighter = recorded[0].take(place) - recorded[1].take(place)
+    light = np.flatnonzero(view.shown & (lighter >= NOTED_STEPS * FULL_SCALE / 255))
+    blob = view.pixels.blob[light]
+    count = np.bincount(blob, minlength=len(view.visible)).astype(np.float64)
+    count[count < VISIBLE_PX] = np.nan
+    row, col = np.divmod(place[light], empty.shape[1])
+    return np.bincount(blob, row, len(count)) / count, np.bincount(blob, col, len(count)) / count
+
+
+def at_notes(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of `noted` that have a noted place, at that place."""
+    seen = table.dropna(subset="noted_row")
+    return seen.assign(row=seen["noted_row"], col=seen["noted_col"])
+
+
+def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
+    """Return the rows of `marked` particles in the air that have some positions.
+
+    ``shortest`` is their least number: "for some time" (section 5.2.1) is all that was printed.
+    """
+    flying = table[table["label"] != 4]
     long = flying.groupby("particle")["frame"].transform("size") >= shortest
     return flying[long].reset_index(drop=True)
 
 
+def true_trajectories(twin: Twin, frames: range) -> pd.DataFrame:
+    """Return all visible positions of true trajectories in some frames, noted or not."""
+    return followed(kept_marks(twin, frames)())
+
+
 def kept_marks(twin: Twin, frames: range) -> CachedTable:
     """Return the table that keeps what is `marked` in some frames."""
-    depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
-    return CachedTable("truth", partial(marked, twin, frames), depends_on)
+    return CachedTable("truth", partial(marked, twin, frames), _depends_on(twin, frames))
+
+
+def kept_notes(twin: Twin, frames: range) -> CachedTable:
+    """Return the table that keeps what is `noted` in some frames."""
+    return CachedTable("notes", partial(noted, twin, frames), _depends_on(twin, frames))
+
+
+def _depends_on(twin: Twin, frames: range) -> dict[str, object]:
+    """Return what the truth of some frames depends on."""
+    return {"scene": twin.scene, "frames": [frames.start, frames.stop]}
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
@@ -115,7 +165,11 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
         true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
         coordinates.
     """
-    view = twin.view(t)
+    return _sightings(twin, t, twin.view(t))
+
+
+def _sightings(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
+    """Return the `sightings` of frame ``t``, of which ``view`` is the picture."""
     moment, geometry = view.moment, twin.scene.geometry
     row, col = view.blobs.row, view.blobs.column
     count = np.bincount(view.pixels.blob[view.shown], minlength=len(moment.particle))
