@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, Single
+from kilnflight.arrays import Array, Index, Single
 from kilnflight.twin.geometry import FULL_SCALE, Geometry
 from kilnflight.twin.light import Optics
 
@@ -26,7 +27,7 @@ TEXTURE_SD = 0.085  # relative; 10 K of a wall of 1423 K in the band of the sens
 PLATE = 0.47  # level of the inlet plate over the wall's
 WAVES = 12  # of the flicker's frequencies
 FLICKER, FLICKER_S = 0.012, 0.15  # of hot gas, relative and local, and its time
-FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
+FLICKER_BLOCK = 16  # pixels of a flicker's value, full camera; it is smooth over many of them
 FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera
 COMMON, COMMON_HZ = 0.015, (1.0, 30.0)  # of the whole picture (burner), relative, and its rates
 EDGE_STRENGTH = 0.10  # relative, of micro-lens artefacts
@@ -39,6 +40,8 @@ NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m
 FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame, full camera
 FLAME_LEVEL = 1.3  # over full scale
 FLAME_EDGE = 0.05  # width of its edge over its radius
+# Of a spot of clutter: Gaussian radius in px, full camera; its cycle, and the share with light
+CLUTTER_PX, CLUTTER_S, CLUTTER_SHARE = (2.0, 6.0), (0.6, 1.6), 0.25
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ class Surroundings:
     # Rectangle of the burner's flame: first row, last row, first column, last column.
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
+    # Spots that come and go: "light reflection" and residues of the background (sec. 3.1).
+    clutter: float = 80.0  # mean number in a frame; assumption
+    clutter_gray: float = 2500.0  # mean of their largest grey values, exponential; assumption
     # Polygon of the region of interest, as share of rows and columns: not published, set by
     # Table 5.3 (an input), which keeps nine tenths in air and half of those on the wall.
     roi: tuple[tuple[float, float], ...] = (
@@ -151,6 +157,15 @@ def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float
     return np.asarray(np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1) / np.sqrt(3))
 
 
+class Clutter(NamedTuple):
+    """Spots of light on the wall of a scene; arrays (n, ...)."""
+
+    corner: Index  # (n, 2) row and column of the first pixel
+    spot: Single  # (n, side, side) grey values when it is brightest
+    hertz: Array  # of the cycle in which each comes and goes
+    phase: Array  # share of a cycle
+
+
 @dataclass(frozen=True)
 class Background:
     """The picture without particles at any time; all is positive."""
@@ -239,6 +254,38 @@ class Background:
         behind += share * (np.float32(FLAME_LEVEL * FULL_SCALE * moves[2]) - behind)
 
     @cached_property
+    def _clutter(self) -> Clutter:
+        count = round(self.surroundings.clutter / CLUTTER_SHARE)
+        generator = np.random.default_rng([self.seed, 107])
+        scale = self.geometry.columns / FULL_COLUMNS
+        radius = generator.uniform(*CLUTTER_PX, (count, 1, 1)) * scale
+        reach = int(3 * CLUTTER_PX[1] * scale)
+        size = np.array([self.geometry.rows, self.geometry.columns])
+        centre = reach + generator.random((count, 2)) * (size - 2 * reach - 1)
+        corner = np.round(centre).astype(np.intp) - reach
+        offset = np.arange(2 * reach + 1) - (centre - corner)[:, :, None]
+        profile = np.exp(-((offset / radius) ** 2) / 2)
+        mean = self.surroundings.clutter_gray * self.optics.exposure
+        gray = generator.exponential(mean, (count, 1, 1))
+        low, high = np.log(CLUTTER_S)
+        return Clutter(
+            corner=corner,
+            spot=(gray * profile[:, 0, :, None] * profile[:, 1, None, :]).astype(np.float32),
+            hertz=np.exp(-generator.uniform(low, high, count)),
+            phase=generator.random(count),
+        )
+
+    def _glint(self, picture: Single, time_s: float) -> None:
+        """Draw the clutter: slow faint spots that belong to no particle."""
+        corner, spot, hertz, phase = self._clutter
+        cycle = (hertz * time_s + phase) % 1.0
+        share = np.sin(np.pi * cycle / CLUTTER_SHARE).astype(np.float32) ** 2
+        side = spot.shape[1]
+        for k in np.flatnonzero(cycle < CLUTTER_SHARE):
+            row, column = corner[k]
+            picture[row : row + side, column : column + side] += share[k] * spot[k]
+
+    @cached_property
     def _patterns(self) -> tuple[Array, Single]:
         """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the flicker."""
         generator = np.random.default_rng([self.seed, 105])
@@ -280,5 +327,6 @@ class Background:
         for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
             picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
+        self._glint(picture, time_s)
         self._burn(picture, time_s)
         return picture

@@ -27,7 +27,7 @@ BURNING, UNLIT, ON_WALL = 2, 3, 4  # classes of Table 5.1
 # Shares of the fractions in each class of a subset; assumption
 MIXTURES: dict[int, dict[str, float]] = {
     BURNING: {"paper shred": 0.7, "confetti": 0.3},
-    UNLIT: {"wood chip": 0.35, "PE granule": 0.3, "confetti": 0.2, "paper shred": 0.15},
+    UNLIT: {"wood chip": 0.2, "PE granule": 0.2, "confetti": 0.35, "paper shred": 0.25},
     ON_WALL: {"wood chip": 0.35, "PE granule": 0.35, "confetti": 0.15, "paper shred": 0.15},
 }
 

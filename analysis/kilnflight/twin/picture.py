@@ -34,7 +34,6 @@ class Bodies(NamedTuple):
     across: Array  # (n, 3) unit vector across it
     turns_hz: Array
     phase: Array
-    sheet: Flags
 
 
 def draw_bodies(table: pd.DataFrame, seed: int) -> Bodies:
@@ -48,7 +47,6 @@ def draw_bodies(table: pd.DataFrame, seed: int) -> Bodies:
         across=unit_vectors(np.cross(axis, generator.normal(size=(n, 3)))),
         turns_hz=np.where(sheet, SHEET_HZ, BODY_HZ) * generator.lognormal(0.0, 0.4, n),
         phase=generator.uniform(0.0, 2 * np.pi, n),
-        sheet=sheet,
     )
 
 
@@ -64,8 +62,6 @@ class Blobs(NamedTuple):
     softness: Array  # width of the edge in units of the radius
     dilution: Array  # share of the light in the sharp ellipse after motion blur
     depth_mm: Array
-    # (m, 2) of row and column: direction in which a flame narrows, times how much (0 to 1)
-    tail: Array = np.zeros((1, 2))
 
 
 def project(
@@ -75,14 +71,15 @@ def project(
     rows, flame = moment.particle, moment.burning
     place = geometry.to_camera(moment.position_m)
     scale = geometry.focal_length_px / place[:, 2]
-    curled = np.where(flame & bodies.sheet[rows], optics.curl**2, 1.0)
+    curled = np.where(flame, optics.curl**2, 1.0)
     bright, swollen = looks.flutter(rows, time_s, optics.exposure_s)
     gas = np.where(flame, looks.gas_mm[rows] ** 2, 0.0)[:, None, None] * np.eye(2)
     shape = curled[:, None, None] * _ellipses(moment, bodies, geometry) + gas
     shape *= np.where(flame, swollen, 1.0)[:, None, None]
     passes = np.exp(-2 * np.linalg.det(shape) ** 0.25 / optics.thick_mm)  # through its diameter
     own = optics.flame * FULL_SCALE * optics.exposure * looks.brightness[rows] * bright
-    level = np.where(flame, own * (1 - passes), optics.at_wall * looks.level[rows])
+    unlit = optics.at_wall * looks.unlit(rows, time_s, optics.tumble)
+    level = np.where(flame, own * (1 - passes), unlit)
     row, column = geometry.project(place)
     wind = -1000.0 * optics.tail_s * moment.velocity_m_s
     length = np.linalg.norm(wind, axis=1, keepdims=True)
@@ -107,7 +104,6 @@ def project(
         softness=np.where(flame, optics.flame_softness, 0.15),
         dilution=np.minimum(sharp / np.sqrt(np.linalg.det(shape)), 1.0),
         depth_mm=place[:, 2],
-        tail=tail * (scale / np.sqrt(np.trace(shape, axis1=1, axis2=2)))[:, None],
     )
     order = np.argsort(-blobs.depth_mm, kind="stable")
     return Blobs._make(part[order] for part in blobs)
@@ -150,16 +146,6 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
     square = 2 * np.repeat(matrix[:, 0, 1], count) * x * np.repeat(y, count)
     square += np.repeat(matrix[:, 0, 0] * y * y, count)
     square += np.repeat(matrix[:, 1, 1], count) * x * x
-    if blobs.tail.any():
-        # a flame narrows towards its tail: squared radii grow with the way along it
-        tail = blobs.tail[blob]
-        turned = np.einsum("kij,kj->ki", matrix, tail)
-        turned /= np.sqrt(np.maximum((turned * tail).sum(axis=1, keepdims=True), 1e-12))
-        along = np.repeat(turned[:, 1], count) * x + np.repeat(turned[:, 0] * y, count)
-        along = np.maximum(along, 0.0, out=along)
-        narrower = along * np.repeat(np.linalg.norm(tail, axis=1), count)
-        across = np.maximum(square - along * along, 0.0)
-        square += across * narrower * (2 + narrower)
     near = np.flatnonzero(square < LARGEST_RADIUS**2)
     radius = np.sqrt(square.take(near)).astype(np.float32)
     return Pixels(np.repeat(blob, count).take(near), place.take(near), radius)

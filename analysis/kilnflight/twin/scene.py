@@ -148,7 +148,7 @@ class Twin:
         """
         check_position(t, len(self), self.scene.name)
         view = self.view(t)
-        gray = self._exposed(t, view.picture)
+        gray = self.exposed(t, view.picture)
         pixels, xyz = self._cloud(t, view)
         return Frame(t, self.time_s(t), gray, pixels, xyz, view.labels)
 
@@ -158,7 +158,7 @@ class Twin:
         They are the same as the frame's own.
         """
         check_position(t, len(self), self.scene.name)
-        return self._exposed(t, self.view(t).picture)
+        return self.exposed(t, self.view(t).picture)
 
     def empty(self, t: int) -> Single:
         """Return the picture (rows, columns) at frame ``t`` without particles or noise."""
@@ -189,8 +189,8 @@ class Twin:
         labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
         return SceneView(picture, moment, blobs, pixels, shown, visible, kinds, labels)
 
-    def _exposed(self, t: int, picture: Single) -> Gray:
-        """Return the picture with noise as grey values; the shot noise of flames is in it."""
+    def exposed(self, t: int, picture: Single) -> Gray:
+        """Return the picture with noise as grey values: frame ``t`` decides which noise."""
         optics, generator = self.scene.optics, self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
         noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
