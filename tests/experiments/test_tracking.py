@@ -115,7 +115,9 @@ def test_limits_of_tracks_are_identified_by_raw_jsc_theta(monkeypatch):
 def test_trackers_are_as_their_table_says():
     """What decides each setting is named."""
     table = trackers.settings()
-    assert set(table["decided_by"]) <= {"print", "identified", "assumption"}
+    assert set(table["decided_by"]) == {"identified", "assumption"}
+    best = trackers.limits().sort_values("misfit", kind="stable").iloc[0]
+    assert (table.loc["missed_frames", list(scores.TRACKERS)] == best["missed_frames"]).all()
     tracker = trackers.chosen("GNN", missed_frames=7).keywords
     assert tracker["management"].invisible == 7
     assert tracker["gate"].distance == table.loc["gate", "GNN"]

@@ -29,12 +29,20 @@ from kilnflight.tracking.tracker import Management, track
 LIMITS = [(0.0, 0), *product((0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), (1, 2, 3, 5, 8, 15))]
 
 
+def limits() -> pd.DataFrame:
+    """Return tracker_limits.csv, as `identify` made it: the best setting first."""
+    return pd.read_csv(paths.reference() / "tracker_limits.csv")
+
+
 def settings() -> pd.DataFrame:
     """Return trackers.csv: one row per setting with its value for each tracker.
 
-    ``decided_by`` is "print", "identified" or "assumption".
+    ``decided_by`` is "identified" or "assumption". What is identified has its value from `limits`.
     """
-    return pd.read_csv(paths.reference() / "trackers.csv", index_col="setting")
+    table = pd.read_csv(paths.reference() / "trackers.csv", index_col="setting")
+    for name, value in limits().loc[0, ["visibility", "missed_frames"]].items():
+        table.loc[name, list(scores.TRACKERS)] = value
+    return table
 
 
 def chosen(name: str, **changes: float) -> Tracker:

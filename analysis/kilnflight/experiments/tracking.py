@@ -36,6 +36,7 @@ from kilnflight.experiments.tracking_scores import (
 )
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
+from kilnflight.tracklets.paths import PathStep
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import at_notes, followed, kept_notes
@@ -142,9 +143,15 @@ def lance_of(twin: Twin) -> Lance:
 
 def track_window(window: Window, tracker: Tracker) -> Stages:
     """Return a window's tracks "without" and "with" post-processing (`STAGES`)."""
-    tracks = tracker(window.detections)
-    processed = tracklets.postprocess(tracks, window.differences)
-    return dict(zip(STAGES, (tracks, processed), strict=True))
+    return processed(window, tracker(window.detections))
+
+
+def processed(
+    window: Window, tracks: pd.DataFrame, steps: Iterable[PathStep] = tracklets.STEPS
+) -> Stages:
+    """Return raw ``tracks`` of a window "without" and "with" post-processing by ``steps``."""
+    done = tracklets.postprocess(tracks, window.differences, steps)
+    return dict(zip(STAGES, (tracks, done), strict=True))
 
 
 def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tracked:
