@@ -20,7 +20,6 @@ from kilnflight.experiments import campaigns, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.experiments.tracking import Tracker, Window
 from kilnflight.project import paths
-from kilnflight.project.cache import write_whole
 from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track
 
@@ -105,11 +104,10 @@ def identify(
 
 
 def main() -> None:
-    """Identify both limits on the full windows; print all settings and keep them."""
+    """Identify both limits on the full windows, and keep the misfit of each setting."""
     learned = campaigns.settings_from_labels("full")
     table = identify(tracking.windows("full", learned)).round(4)
-    write_whole(paths.reference() / "tracker_limits.csv", table.to_csv(index=False).encode())
-    print(table.to_string())
+    table.to_csv(paths.reference() / "tracker_limits.csv", index=False)
 
 
 if __name__ == "__main__":

@@ -29,17 +29,16 @@ from kilnflight.experiments.tracking_scores import (
     Key,
     Lance,
     Scored,
-    from_lance,
-    lasting,
     score_cell,
     tabulate,
+    true_from_lance,
 )
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.tracklets.paths import PathStep
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
-from kilnflight.twin.truth import at_notes, followed, kept_notes
+from kilnflight.twin.truth import at_notes, followed, kept_marks, noted
 
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
@@ -117,7 +116,7 @@ def windows(
     parts = []
     for fraction, each in stored.items():
         twin, frames = each.source.recording(), each.frames
-        marks = kept_notes(twin, frames)()
+        marks = kept_marks(twin, frames, noted)()
         parts.append(
             Window(
                 fraction,
@@ -248,26 +247,21 @@ def window_table(windows: Iterable[Window]) -> pd.DataFrame:
         ``detections``, of which ``of_no_particle`` (paired with no visible true position within
         10 px).
     """
-    rows = [
-        {
-            "fraction": window.fraction,
-            "first_frame": window.frames.start,
+    rows = []
+    for window in windows:
+        scored = true_from_lance(window.truth, window.lance)
+        row = {"fraction": window.fraction, "first_frame": window.frames.start}
+        row |= {
             "frames": len(window.frames),
             "trajectories": window.truth["particle"].nunique(),
-            "trajectories_from_lance": scored_truth(window)["particle"].nunique(),
+            "trajectories_from_lance": scored["particle"].nunique(),
             "positions_visible": len(window.visible),
             "positions": len(window.truth),
             "detections": len(window.detections),
             "of_no_particle": (true_particles(window.detections, window.visible) < 0).sum(),
         }
-        for window in windows
-    ]
+        rows.append(row)
     return pd.DataFrame(rows)
-
-
-def scored_truth(window: Window) -> pd.DataFrame:
-    """Return the true trajectories that are scored: from the lance, and lasting."""
-    return lasting(from_lance(window.truth, window.lance))
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:

@@ -87,9 +87,14 @@ def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
     return kept[frames.transform("max") - frames.transform("min") + 1 >= LEAST_FRAMES]
 
 
+def true_from_lance(truth: pd.DataFrame, lance: Lance) -> pd.DataFrame:
+    """Return the rows of true trajectories that are scored: from the lance, and lasting."""
+    return lasting(from_lance(truth, lance))
+
+
 def score_from_lance(truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance) -> TrackScore | None:
     """Return the score of tracks from the lance; None without a true trajectory from there."""
-    true = lasting(from_lance(truth, lance))
+    true = true_from_lance(truth, lance)
     if true.empty:
         return None
     return score_tracks(true, from_lance(tracks, lance), GATE_PX)

@@ -6,7 +6,7 @@ seen. Their distances are along the kiln from the lance.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
@@ -125,19 +125,12 @@ def true_trajectories(twin: Twin, frames: range) -> pd.DataFrame:
     return followed(kept_marks(twin, frames)())
 
 
-def kept_marks(twin: Twin, frames: range) -> CachedTable:
-    """Return the table that keeps what is `marked` in some frames."""
-    return CachedTable("truth", partial(marked, twin, frames), _depends_on(twin, frames))
-
-
-def kept_notes(twin: Twin, frames: range) -> CachedTable:
-    """Return the table that keeps what is `noted` in some frames."""
-    return CachedTable("notes", partial(noted, twin, frames), _depends_on(twin, frames))
-
-
-def _depends_on(twin: Twin, frames: range) -> dict[str, object]:
-    """Return what the truth of some frames depends on."""
-    return {"scene": twin.scene, "frames": [frames.start, frames.stop]}
+def kept_marks(
+    twin: Twin, frames: range, make: Callable[[Twin, range], pd.DataFrame] = marked
+) -> CachedTable:
+    """Return the table that keeps what is `marked`, or `noted`, in some frames."""
+    depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
+    return CachedTable(make.__name__, partial(make, twin, frames), depends_on)
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
