@@ -32,9 +32,9 @@ called = "the authors' tracks" if files else "the friction model"
 Markdown(belt_2020.INPUT[source])
 
 # %% [markdown]
-# The bar is at 773 mm, 15 mm before the edge, since the tracks end there. Predictions start 150 mm
-# before it. The first half of the particles calibrates the models. The second half passes ten
-# times, and each time another tenth is to be blown out.
+# The bar is at the edge of the belt. Predictions start 150 mm before it. The first half of the
+# particles calibrates the models. The second half passes ten times, and each time another tenth is
+# to be blown out.
 #
 # The valve nearest to the predicted place opens around the predicted time. A particle is hit if its
 # centre passes an open valve, even one that was opened for another. Its size and the way of the air

@@ -48,7 +48,7 @@ def some_tracks(draw):
 @settings(max_examples=15)
 @given(some_tracks())
 def test_observations_are_those_of_the_definition(tracks):
-    rows, reasons = plain.observe(tracks, PHASE.start_mm, PHASE.target_mm)
+    rows, reasons = plain.observe(tracks, PHASE.start_mm, PHASE.target_mm, PHASE.extrapolated_mm)
     last, arrival, left_out = PHASE.observe(tracks)
     assert list(left_out.values()) == reasons
     assert last["particle"].tolist() == arrival["particle"].tolist() == [row[0] for row in rows]
@@ -69,6 +69,23 @@ def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acce
     np.testing.assert_allclose(after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained)
     stops = observed._replace(last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3))
     pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
+
+
+def test_a_track_that_ends_before_the_edge_arrives_on_its_parabola(constant_acceleration):
+    before = constant_acceleration[constant_acceleration["x"] < 788.0]
+    arrival, left_out = PHASE.observe(before)[1:]
+    assert not any(left_out.values())
+    way = 788.0 - 400.0
+    times = [
+        start / 100 + (np.sqrt(v**2 + 2 * a * way) - v) / a if a else start / 100 + way / v
+        for start, v, a in ((0, 1000.0, 1500.0), (7, 1200.0, 800.0), (2, 900.0, 0.0))
+    ]
+    np.testing.assert_allclose(arrival["time_s"], times, rtol=0, atol=1e-9)
+    since = arrival["time_s"].iloc[0]
+    assert arrival["y"].iloc[0] == pytest.approx(90.0 + 50.0 * since - 50.0 * since**2)
+    assert arrival["velocity_y_mm_s"].iloc[0] == pytest.approx(50.0 - 100.0 * since)
+    short = before[before["x"] < 788.0 - PHASE.extrapolated_mm]
+    assert PHASE.observe(short).left_out["target never reached"] == 3
 
 
 @settings(max_examples=15)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 
-def observe(tracks, start_mm, target_mm):
+def observe(tracks, start_mm, target_mm, extrapolated_mm=0.0):
     """Return last states with arrivals, and particles left out by reason (2020, Figs 2 and 5)."""
     rows, reasons = [], [0, 0, 0]  # gap, short, missed
     for particle, track in tracks.sort_values("frame").groupby("particle"):
@@ -16,16 +16,31 @@ def observe(tracks, start_mm, target_mm):
         beyond = next((i for i, p in enumerate(points) if p.x >= target_mm), None)
         if begun < 3:
             reasons[1] += 1
-        elif beyond is None:
+        elif beyond is None and points[-1].x < target_mm - extrapolated_mm:
             reasons[2] += 1
         else:
-            a, b, c = points[begun - 3 : begun]
-            p, q = points[beyond - 1], points[beyond]
-            share = (target_mm - p.x) / (q.x - p.x)
-            parabola = np.polyfit([a.time_s - c.time_s, b.time_s - c.time_s, 0], [a.x, b.x, c.x], 2)
-            crossing = (p.time_s + share * (q.time_s - p.time_s), p.y + share * (q.y - p.y))
-            rows.append((particle, c.time_s, parabola[1], 2 * parabola[0], *crossing))
+            c, along, _ = parabolas(points[begun - 3 : begun])
+            if beyond is not None:
+                p, q = points[beyond - 1], points[beyond]
+                share = (target_mm - p.x) / (q.x - p.x)
+                crossing = (p.time_s + share * (q.time_s - p.time_s), p.y + share * (q.y - p.y))
+            else:
+                p, further, across = parabolas(points[-3:])
+                roots = np.roots(further - [0, 0, target_mm])
+                roots = sorted(root.real for root in roots if root.imag == 0 and root.real > 0)
+                if not roots:
+                    reasons[2] += 1
+                    continue
+                crossing = (p.time_s + roots[0], np.polyval(across, roots[0]))
+            rows.append((particle, c.time_s, along[1], 2 * along[0], *crossing))
     return rows, reasons
+
+
+def parabolas(points):
+    """Return the last of three points, and the parabolas x and y through them, from it on."""
+    time = [point.time_s - points[-1].time_s for point in points]
+    x, y = (np.polyfit(time, [getattr(point, name) for point in points], 2) for name in "xy")
+    return points[-1], x, y
 
 
 def limited_time(way, velocity, acceleration, limit, step=1e-5):

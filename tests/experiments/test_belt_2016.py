@@ -35,10 +35,10 @@ def test_deviations_by_hand():
     last = [(0, 0.5, 673.0, 90.0, 1000.0, 20.0, 0.0, 0.0)]
     last = pd.DataFrame(last, columns=BELT_LAST.names)
     arrived = pd.DataFrame([(0, 0.58, 92.0, 0.0)], columns=BELT_ARRIVAL.names)
-    late = belt_2016.deviations("Tracking", last, arrived).iloc[0]
+    late = belt_2016.deviations("Tracking", last, arrived, 773.0).iloc[0]
     assert late["temporal_ms"] == pytest.approx(20.0)  # it came earlier than predicted
     assert late["lateral_mm"] == pytest.approx(0.0, abs=1e-9)
-    straight = belt_2016.deviations("Straight", last, arrived).iloc[0]
+    straight = belt_2016.deviations("Straight", last, arrived, 773.0).iloc[0]
     assert straight["lateral_mm"] == -2.0
     assert np.isnan(straight["temporal_ms"])
 

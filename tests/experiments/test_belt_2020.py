@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight.belt.phase import Observed
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import PHASE
 
@@ -17,6 +18,18 @@ def test_resampled_tracks_keep_a_cubic_and_every_observation():
     t = fast["time_s"].to_numpy()
     np.testing.assert_allclose(fast["x"], 900 * t + 300 * t**2 - 80 * t**3, atol=1e-9)
     pd.testing.assert_frame_equal(belt_2020.resample(fast, 100.0), path, check_dtype=False)
+
+
+def test_the_share_beyond_the_belts_velocity_by_hand():
+    last = pd.DataFrame(
+        {
+            "x": 688.0,
+            "velocity_x_mm_s": [1400.0, 1400.0, 1510.0, 1000.0],
+            "acceleration_x_mm_s2": [1600.0, 1400.0, -9e9, 0.0],  # 1510, 1497, now, 1000 mm/s
+        }
+    )
+    share = belt_2020.beyond_belt({"a": Observed(last, last, {})}, PHASE)
+    assert share.to_dict() == {"a": 50.0}
 
 
 def test_differences_are_of_the_right_models_and_hold_beyond_chance():

@@ -7,7 +7,8 @@ not on the belt.
 A recording ``NNN.csv`` (or ``.csv.gz``) has a row per frame: its number, the number of measured
 midpoints, and x, y of each in pixels, then NaN. ``NNN_trackHistory_NothingDeleted.csv`` has one
 pair of columns for each of the authors' tracks. In the files the belt runs along y; in our tables
-it runs along x. Neither the frame rate nor the size of a pixel is given.
+it runs along x. Frame time and size of a pixel stand in the models of the same repository
+(KIT-ISAS/TrackSort_Neural_Public, branch jakob_master, cv_model.py and main.py).
 """
 
 from __future__ import annotations
@@ -25,6 +26,10 @@ from kilnflight.checks import InputError
 from kilnflight.tables import BELT_TRACKS, MEASURED
 
 TIME_STEP_S = 0.01  # of the public DEM files; the paper itself evaluated at 0.001 s
+REAL_FRAME_S = 0.005  # cv_model.py: dt
+MM_PER_PX = 0.056  # cv_model.py: "1 Pixel = 0.056 mm"
+CAMERA_END_PX = 800.0  # main.py: virtual_belt_edge_x_position, from where the authors predict
+NOZZLES_PX = 1550.0  # main.py: virtual_nozzle_array_x_position; cv_model.py: x_pred_to
 MATERIAL_FOLDERS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
 HISTORY = "_trackHistory_NothingDeleted"
 ENDINGS = (".csv", ".csv.gz")

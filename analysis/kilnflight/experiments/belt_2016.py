@@ -31,10 +31,12 @@ from kilnflight.scores.intervals import percentiles
 from kilnflight.sorter.rendering import Pictures, at_rate
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
-# The last 10 cm of the belt (section IV), moved upstream by 15 mm as in `PredictionPhase`: the
-# authors' public tracks end at the edge.
-PHASE_2016 = PredictionPhase(TRACKED.end_mm - 15.0, BELT.end_mm - 15.0)
-PARTICLES = {"quick": 40, "standard": 120, "full": 1500}  # of a material; "over 1000", section IV
+PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # last 10 cm of the belt (section IV)
+PARTICLES = {
+    "quick": 40,
+    "standard": 120,
+    "full": 1500,
+}  # "over 1000", section IV; notebook 43: all
 TRUTH_HZ = 1000.0  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # approaches of Fig. 6
@@ -83,13 +85,15 @@ def track_all(
     return dict(zip(pictures, tracked, strict=True))
 
 
-def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
+def noise_free(bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016) -> pd.DataFrame:
     """Return deviations of three approaches on exact positions (Figs 6a and 6c).
 
     Parameters
     ----------
     bodies
         `kilnflight.tables.BELT_TRACKS` at 1000 Hz, the rate of `rate_1000`.
+    phase
+        Start and target of the prediction.
 
     Returns
     -------
@@ -98,12 +102,13 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
         in `deviations` (time NaN for Straight). Sim takes the velocity from the last three
         positions, Tracking from the filter.
     """
-    last, arrival, _ = PHASE_2016.observe(bodies)
+    last, arrival, _ = phase.observe(bodies)
     frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
-    tracked = last_states(rate_1000()(bodies, frames), 1 / TRUTH_HZ)
+    tracked = last_states(rate_1000(phase.start_mm)(bodies, frames), 1 / TRUTH_HZ)
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
     states = {SIM: last, TRACKING: tracked, STRAIGHT: last}
-    tables = [deviations(name, state, arrival) for name, state in states.items()]
+    target = phase.target_mm
+    tables = [deviations(name, state, arrival, target) for name, state in states.items()]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -124,32 +129,38 @@ def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.Data
     return last.assign(truth=last["particle"].map(pairs).fillna(-1).astype(np.int64))
 
 
-def from_images(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
+def from_images(
+    pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016
+) -> pd.DataFrame:
     """Return deviations of Tracking and Straight from pictures (Figs 6b and 6d).
 
     The columns are those of `noise_free`; ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS`.
-    Tracks without a particle are left out. Straight keeps the last measured y, not the filtered.
+    The tracks must end where ``phase`` starts. Those without a particle are left out. Straight
+    keeps the last measured y, not the filtered.
     """
-    arrival = PHASE_2016.observe(bodies).arrival
+    arrival, target = phase.observe(bodies).arrival, phase.target_mm
     tracked = followed_particles(pictured, bodies)
     tracked = tracked.assign(particle=tracked["truth"])[tracked["truth"] >= 0]
     raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
-    tables = [deviations(TRACKING, tracked, arrival), deviations(STRAIGHT, raw, arrival)]
+    states = {TRACKING: tracked, STRAIGHT: raw}
+    tables = [deviations(name, state, arrival, target) for name, state in states.items()]
     return pd.concat(tables, ignore_index=True)
 
 
 def all_deviations(
-    pictured: Mapping[str, PictureTracks], bodies: Mapping[str, pd.DataFrame]
+    pictured: Mapping[str, PictureTracks],
+    bodies: Mapping[str, pd.DataFrame],
+    phase: PredictionPhase = PHASE_2016,
 ) -> pd.DataFrame:
     """Return the deviations of all materials in one table (Fig. 6).
 
-    Both arguments are by material. To the columns of `noise_free` come ``material`` and ``data``
-    ("noise-free" or "images").
+    The first two arguments are by material. To the columns of `noise_free` come ``material`` and
+    ``data`` ("noise-free" or "images").
     """
     parts = {}
     for material, tracks in bodies.items():
-        parts[material, "noise-free"] = noise_free(tracks)
-        parts[material, "images"] = from_images(pictured[material], tracks)
+        parts[material, "noise-free"] = noise_free(tracks, phase)
+        parts[material, "images"] = from_images(pictured[material], tracks, phase)
     return pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
 
 
@@ -179,8 +190,10 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     return pairs.set_index("particle")["particle_true"]
 
 
-def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.DataFrame:
-    """Return how far predictions deviate from arrivals at the target of `PHASE_2016`.
+def deviations(
+    approach: str, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float
+) -> pd.DataFrame:
+    """Return how far predictions deviate from arrivals at the target.
 
     Parameters
     ----------
@@ -191,6 +204,8 @@ def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.D
         `kilnflight.tables.BELT_LAST` with the true ``particle``; one may have several rows.
     arrival
         `kilnflight.tables.BELT_ARRIVAL`; particles that did not arrive are left out.
+    target_mm
+        The place x of the arrivals.
 
     Returns
     -------
@@ -204,15 +219,15 @@ def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.D
     y, time = last["y"].to_numpy(), np.full(len(last), np.nan)
     if approach != STRAIGHT:
         moving = (last["velocity_x_mm_s"] > 0).to_numpy()
-        time[moving] = CV()(last[moving], PHASE_2016.target_mm)
+        time[moving] = CV()(last[moving], target_mm)
         y = LateralCV()(last, time - last["time_s"].to_numpy())
     columns = {"approach": approach, "particle": last["particle"].to_numpy()}
     columns["lateral_mm"] = y - truth["y"].to_numpy()
     return pd.DataFrame(columns | {"temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy())})
 
 
-def rate_1000() -> BeltTracker:
-    """Return the tracker for exact positions at 1000 Hz (section IV.A).
+def rate_1000(end_mm: float) -> BeltTracker:
+    """Return the tracker for exact positions at 1000 Hz up to x = ``end_mm`` (section IV.A).
 
     Counts and lengths per frame are scaled, so that those per second equal the tracker's at 200
     frames/s. A collision changes the velocity within a frame by up to 433 mm/s, the standard
@@ -222,7 +237,7 @@ def rate_1000() -> BeltTracker:
     share = 1 / (TRUTH_HZ * BELT_FRAME_S)
     per_frame = {name: getattr(appearance, name) * share for name in names}
     motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
-    area = Area(end_mm=PHASE_2016.start_mm)
+    area = Area(end_mm=end_mm)
     return BeltTracker(motion, replace(appearance, area=area, **per_frame), frame_s=1 / TRUTH_HZ)
 
 

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 
 from kilnflight.arrays import Array
+from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.belt.phase import SUMMARY, Deviations, Observed, PredictionPhase, evaluate
 from kilnflight.belt.recordings import read_dem
 from kilnflight.checks import InputError
@@ -203,6 +204,20 @@ def compare_models(
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
     return table.reset_index()
+
+
+def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
+    """Return the share in percent that CA predicts to be faster than the belt, by data set.
+
+    At the last observation or at the target of ``phase`` (Eq. 5).
+    """
+    shares = {}
+    for name, each in observed.items():
+        speed, gain = each.last["velocity_x_mm_s"], each.last["acceleration_x_mm_s2"]
+        square = speed**2 + 2 * gain * (phase.target_mm - each.last["x"])
+        fastest = np.maximum(speed, np.sqrt(square.clip(lower=0.0)))
+        shares[name] = 100 * (fastest > BELT_VELOCITY_MM_S).mean()
+    return pd.Series(shares)
 
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
