@@ -9,7 +9,7 @@ import pytest
 from kilnflight.experiments import light_fit
 from kilnflight.twin import picture as drawing
 from kilnflight.twin import scenes
-from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.background import PLATE, Background, Surroundings
 from kilnflight.twin.fuel import FRACTIONS
 from kilnflight.twin.geometry import FULL_SCALE, Geometry
 from kilnflight.twin.life import Moment
@@ -48,8 +48,8 @@ def test_the_core_of_a_flame_is_overexposed(fraction):
 @pytest.mark.parametrize("fraction", ["wood chip", "PE granule"])
 def test_bodies_are_darker_than_the_wall_behind_them(fraction):
     level = painted(fraction, burning=False) / OPTICS.at_wall
-    assert (level < 1).mean() > 0.9  # a granule may flare
-    assert 0.3 < np.median(level) < 0.6
+    assert (level < 1).mean() > 0.75  # some flare as they tumble
+    assert PLATE < np.median(level) < 0.9
 
 
 def test_no_unlit_particle_reaches_full_scale():

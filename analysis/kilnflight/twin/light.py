@@ -39,8 +39,9 @@ class Optics:
     flame: float = 2.0  # of a thick flame over full scale
     thick_mm: float = 4.0  # diameter of a flame by which light falls to 1/e
     gas_mm: float = 3.5  # radius of the burning gas around a particle
-    # Median levels over the wall's: "relatively dark" (sec. 5.2.4), transparent (sec. 5.2.3)
-    bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.36), ("PE granule", 0.45))
+    # Median levels over the wall's. They are darker than the wall, "relatively dark" (sec. 5.2.4),
+    # and lighter than the inlet plate before which they were marked by hand (Table 5.15).
+    bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.6), ("PE granule", 0.7))
     body_spread: float = 0.25  # of their logarithm
     tumble: float = 0.4  # amplitude of an unlit level over its mean
     tumble_hz: tuple[float, float] = (2.0, 6.0)
