@@ -45,6 +45,6 @@ def test_the_listed_inputs_are_those_of_the_code():
 
 
 def test_every_input_has_a_status_and_a_source():
-    assert set(TABLE["status"]) == {"published", "handbook", "fitted", "assumption"}
+    assert set(TABLE["status"]) == {"published", "handbook", "fitted", "identified", "assumption"}
     assert TABLE["name"].is_unique
     assert (TABLE["source"] != "").all()
