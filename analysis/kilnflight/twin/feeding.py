@@ -104,10 +104,14 @@ def feed_subset(
     for label, both in counts.items():
         for near, count in zip((1, 0), both, strict=True):
             there = (labels[middle] == label) & (within[middle] == near)
+            owed = 0.0  # labels; those that a fraction cannot show are the next one's
             for name, share in MIXTURES[label].items():
+                owed += share * count
                 rows = generator.permutation(np.flatnonzero(there & (fraction == name)))
                 shown = np.cumsum((labels[:, rows] == label).sum(axis=0))
-                chosen.append(rows[: np.searchsorted(shown, share * count)])
+                taken = int(np.searchsorted(shown, owed))
+                chosen.append(rows[:taken])
+                owed -= shown[taken - 1] if taken else 0
     rows = np.sort(np.concatenate(chosen))
     fed = everyone.table.iloc[rows].reset_index(drop=True).assign(particle=np.arange(len(rows)))
     return Life(fed, flights.take(rows), share_on)
