@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import identified
+from kilnflight.project import claims
 from kilnflight.twin import scenes
 from kilnflight.twin.flights import LAWS
+from kilnflight.twin.scene import Twin
 
 
 def test_a_parabola_is_regular_and_a_wave_is_not():
@@ -40,3 +42,43 @@ def test_one_path_of_a_shred_in_32_is_irregular(bar):
     assert share == pytest.approx(31 / 32, abs=0.015)
     wild = identified.true_paths(replace(law, flutter_m=0.038), scene)
     assert identified.regular_share(wild) < 0.93
+
+
+def test_the_calibration_stays_and_the_rest_comes_anew():
+    scene = scenes.campaign("PE granule", 4.5)
+    places = pd.DataFrame({"row": 300.0, "col": 900.0, "z": 5000.0}, index=range(2000))
+    seen = [identified.seen_by_camera(places, scene, 150.0, seed)["z"] for seed in (0, 1)]
+    fixed = scene.depth.calibration(1536, 2048, scene.calibration)[300, 900] * 110.0
+    for each in seen:
+        assert each.mean() == pytest.approx(5000.0 + fixed, abs=12)
+        assert each.std() == pytest.approx(np.hypot(150.0, np.sqrt(0.9) * 110.0), rel=0.05)
+    assert abs(np.corrcoef(*seen)[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize("fraction", ["wood chip", "confetti", "paper shred", "PE granule"])
+def test_rmse_in_depth_is_that_of_table_5_18(fraction):
+    printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])["value"]
+    name = next(
+        each for each in printed.index.levels[0] if each.lower().startswith(fraction.lower())
+    )
+    scene = scenes.campaign(fraction, 4.5)
+    own = dict(scene.depth.particle_error_mm)[fraction]
+    paths = identified.true_paths(LAWS[fraction, 4.5], scene, count=30)
+    seen = identified.seen_by_camera(paths, scene, own)
+    exit_point = Twin(scene).attributes.exit_point_mm
+    found = identified.fit_medians(seen, exit_point, scene.frame_rate_hz)
+    assert found["rmse_z_mm"] == pytest.approx(printed[name, "z", "RMSE_mm"], rel=0.08)
+
+
+def test_a_third_of_the_wall_particles_count_as_in_the_air():
+    subsets = [scenes.open_scene(name) for name in ("V1", "V3")]
+    taken = identified.wall_distances(subsets, subsets[0].scene.depth.wall_particle_mm)
+    assert identified.wall_share(*taken) == pytest.approx(263 / 838, abs=0.06)
+    assert identified.wall_share(*identified.wall_distances(subsets, 150.0)) > 0.9
+
+
+def test_the_limit_lies_40_mm_beyond_the_crossing():
+    spread = np.linspace(-2, 2, 4001)
+    # equal spreads cross midway, at 600 mm; the limit is 640 mm
+    share = identified.wall_share(500 + 50 * spread, 700 + 50 * spread)
+    assert share == pytest.approx((640 - 600) / 200, abs=0.002)

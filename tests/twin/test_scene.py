@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth
+from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth, calibrate_points
 from kilnflight.experiments.plate import DOT_MM, PITCH_MM, captured_mm, see_plate
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import scenes, truth
@@ -104,7 +104,8 @@ def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contra
     # with this seed two pixels at the limit are equal
     camera, surroundings = LensCamera(), Surroundings()
     background = Background(Geometry(), Optics(), surroundings, 23)
-    wall = LensWall.of(camera, background, Optics(), surroundings.edge_px, 23)
+    bias = camera.calibration(1536, 2048, 0)
+    wall = LensWall.of(camera, background, Optics(), surroundings.edge_px, bias)
     assert len(wall.index) == int(camera.wall_points / camera.kept_per_frame)
     assert (np.diff(wall.index) > 0).all()
 
@@ -129,3 +130,24 @@ def test_the_test_plate_is_seen_where_it_is():
     centre = np.round(true[inside, :2] / PITCH_MM) * PITCH_MM
     radius = np.hypot(*(true[inside, :2] - centre).T)
     np.testing.assert_allclose(radius, DOT_MM / 2, atol=1e-6)
+
+
+def test_the_lance_stands_where_its_points_are(twin):
+    place, lance = twin.scene.geometry, np.array(twin.attributes.exit_point_mm)
+    assert place.project(lance) == pytest.approx(place.lance_pixel)
+    assert lance[2] == pytest.approx(twin.lance_seen_mm)
+    near, error = [], twin.scene.depth.wall_scale(place.lance_depth_mm)
+    for t in range(0, 160, 4):
+        frame = twin.frame(t)
+        cloud = calibrate_points(frame.xyz, twin.attributes.depth_calibration)
+        beside = np.hypot(*(frame.pixels - place.lance_pixel).T) < 12
+        depth = cloud[beside, 2]
+        near.append(depth[np.abs(depth - place.lance_depth_mm) < 4 * error].mean())
+    assert np.mean(near) == pytest.approx(lance[2], abs=3 * error / np.sqrt(len(near)))
+
+
+def test_one_calibration_serves_all_recordings_of_a_seed():
+    first, other = scenes.open_scene("V1"), scenes.open_scene("pe-granule-5.0-bar")
+    assert first.lance_seen_mm == other.lance_seen_mm != PLACE.lance_depth_mm
+    assert scenes.open_scene("V1", 1).lance_seen_mm != first.lance_seen_mm
+    assert scenes.open_scene("V2@own-calibration").lance_seen_mm != first.lance_seen_mm

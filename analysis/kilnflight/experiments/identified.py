@@ -1,20 +1,29 @@
 """Inputs of the simulation that one printed number decides, each as value -> number.
 
-True paths, true labels and simulated depth are read. No detector and no tracker has a part in it.
+True paths, true labels and the depth camera's errors are read. No detector and no tracker has a
+part in it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Array
 from kilnflight.camera import inside
+from kilnflight.detection.wall import crossing
+from kilnflight.regression import regress_all
 from kilnflight.tracklets.eliminate import Elimination, regularity
+from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.flights import LONGEST_S, Law, fly
-from kilnflight.twin.scene import Scene
+from kilnflight.twin.scene import Scene, Twin
 
 WINDOW = 100  # frames of paper shreds in Table 5.15
 LASTING = 15  # frames: trajectories "continue for some time" (sec. 5.2.1)
+BEYOND_CROSSING_MM = 40.0  # of the limit of 800 mm, beyond the crossing at 760 mm (sec. 5.1.4)
 
 
 def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.DataFrame:
@@ -63,3 +72,76 @@ def regular_share(paths: pd.DataFrame) -> float:
     place = long[["row", "col"]].to_numpy()
     found = regularity(names, long["frame"].to_numpy(), place)
     return float((found > Elimination.regularity).mean())
+
+
+def seen_by_camera(
+    paths: pd.DataFrame, scene: Scene, own_mm: npt.ArrayLike, seed: int = 0
+) -> pd.DataFrame:
+    """Return true paths as the depth camera sees them: each place moved along its ray.
+
+    Parameters
+    ----------
+    paths
+        ``row``, ``col`` in px and ``z`` in mm, of `true_paths`.
+    scene
+        Gives the depth camera.
+    own_mm
+        Standard deviation of the particles' own error, one or (n,).
+    seed
+        Of what comes anew in each frame.
+    """
+    place, camera = scene.geometry, scene.depth
+    calibration = camera.calibration(place.rows, place.columns, scene.calibration)
+    pixel = paths[["row", "col"]].to_numpy()
+    row, col = np.rint(pixel).astype(int).T
+    scale = camera.wall_scale(paths["z"])
+    anew = np.hypot(own_mm, np.sqrt(1 - camera.fixed) * scale)
+    error = calibration[row, col] * scale
+    error += anew * np.random.default_rng([seed, 62]).standard_normal(len(paths))
+    xyz = place.unproject(*pixel.T, paths["z"] + error)
+    return paths.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+
+
+def fit_medians(paths: pd.DataFrame, exit_point_mm: npt.ArrayLike, rate_hz: float) -> pd.Series:
+    """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18)."""
+    long = paths[paths.groupby("particle")["frame"].transform("size") >= LASTING]
+    table = regress_all(long, exit_point_mm, rate_hz)
+    return table.filter(regex="^(rmse|r2_[xyz])").median()
+
+
+def wall_distances(
+    twins: Iterable[Twin], wall_particle_mm: float, seed: int = 0
+) -> tuple[Array, Array]:
+    """Return the distances from the axis in mm of particles in the air and on the wall.
+
+    They are all within the region of interest of labelled frames, as the depth camera sees them
+    with an own error of ``wall_particle_mm`` on the wall.
+    """
+    parts = []
+    for twin in twins:
+        scene, life = twin.scene, twin.life
+        own = life.table["fraction"].map(dict(scene.depth.particle_error_mm)).to_numpy()
+        for t in LABELLED:
+            moment = life.at(twin.time_s(t))
+            moment = moment.take(~moment.landed | moment.burning)
+            xyz = scene.geometry.to_camera(moment.position_m)
+            row, col = scene.geometry.project(xyz)
+            table = pd.DataFrame({"row": row, "col": col, "z": xyz[:, 2], "wall": moment.landed})
+            table["own_mm"] = np.where(moment.landed, wall_particle_mm, own[moment.particle])
+            table = table[inside(scene.roi, row, col)]
+            seen = seen_by_camera(table, scene, table["own_mm"], seed + t)
+            place = scene.geometry.to_kiln(seen[["x", "y", "z"]].to_numpy())
+            parts.append(seen.assign(distance=1000 * np.hypot(place[:, 1], place[:, 2])))
+    every = pd.concat(parts)
+    distance, wall = every["distance"].to_numpy(), every["wall"].to_numpy()
+    return distance[~wall], distance[wall]
+
+
+def wall_share(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
+    """Return the share of wall particles that count as in the air (Table 5.13: 263 of 838).
+
+    Both are distances from the kiln's axis. The limit is the crossing of their Gaussians and
+    `BEYOND_CROSSING_MM`.
+    """
+    limit = crossing(in_air_mm, wall_mm) + BEYOND_CROSSING_MM
+    return float((np.asarray(wall_mm) < limit).mean())

@@ -3,8 +3,8 @@
 A lens compares what its neighbours see, so that it finds a depth only where its patch of the
 picture has contrast over noise. The depth is that of whatever has the contrast: an edge carries its
 depth half a lens beyond itself (fattening), and between two lenses depths are mixed. The error is
-a bias of the calibration that is smooth over the picture and stays from frame to frame, and a
-small part that changes. A particle's own error is the larger, the lower its contrast.
+smooth over the picture. Most of it comes anew in each frame; that of the calibration stays. A
+particle's own error is the larger, the lower its contrast.
 
 Published: 176 x 152 lenses (R12 data sheet), about 200,000 points a frame (sec. 5.1.3), the
 distances of neighbours (Fig. 5.7), the shares with depth (Table 5.2), the scatter of the plate
@@ -58,21 +58,26 @@ class LensCamera:
     wall_error: float = 0.022  # relative (sec. 2.1.5: about 1 m range at 8 m)
     # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these
     wall_error_near_mm: float = 170.0
+    # Of the error's variance, the calibration's share: 41 mm at the lance. After Eq. 2.4 depths
+    # have "high agreement" (sec. 2.1.5), and they fluctuate "irregularly" (sec. 4.1.3); assumption
+    fixed: float = 0.1
     # Set by hand with the distances of neighbours (Fig. 5.7) in view, and nothing else
-    changing: float = 0.03  # of the error's variance, from frame to frame
-    bias_px: float = 200.0  # over which the bias of the calibration changes
+    changing: float = 0.03  # of the error's variance, of each lens alone, from frame to frame
+    smooth_px: float = 200.0  # over which the rest of the error changes
     white_mm: float = 0.9  # per point
     points_per_pixel: float = 0.5  # of what lenses see of particles
     # Contrast over noise at which noise makes the error of a particle 1.4 times as large
     half_contrast: float = 3.0
     scale: float = 1.0  # of the errors common to a patch or particle, for the sensitivity
-    # Fitted to Table 5.18, RMSE in z, mm
+    # In flight, mm; identified by RMSE in z of Table 5.18
     particle_error_mm: tuple[tuple[str, float], ...] = (
-        ("wood chip", 143.2),
-        ("confetti", 130.1),
-        ("paper shred", 218.4),
-        ("PE granule", 174.0),
+        ("wood chip", 87.0),
+        ("confetti", 91.0),
+        ("paper shred", 185.0),
+        ("PE granule", 132.0),
     )
+    # On the wall; identified by the 31 % of such particles within 800 mm of the axis (Table 5.13)
+    wall_particle_mm: float = 445.0
 
     def captured(self, true_mm: npt.ArrayLike) -> Array:
         """Return the captured depth that Eq. 2.4 turns into each true depth.
@@ -92,6 +97,11 @@ class LensCamera:
         near = np.interp(depth, _NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
         inside = (depth > _NEAR_MM[0]) & (depth < _NEAR_MM[3])
         return self.scale * np.where(inside, near, relative * depth)
+
+    def calibration(self, rows: int, columns: int, seed: int) -> Single:
+        """Return the error of the calibration (rows, columns) over the `wall_scale`."""
+        field = _smooth(np.random.default_rng([seed, 304]), (rows, columns), self.smooth_px)
+        return field * np.float32(np.sqrt(self.fixed))
 
     def particle_scale(self, contrast: Array) -> Array:
         """Return by how much low contrast raises a particle's error."""
@@ -226,36 +236,36 @@ class LensWall:
     camera: LensCamera
     lattice: Lattice
     depth_mm: Single  # (rows, columns), true
-    bias: Single  # (rows, columns) of the calibration, in standard deviations
+    bias: Single  # (rows, columns) of the calibration, over the `LensCamera.wall_scale`
     variance: Single  # of blocks
-    changing_mm: Single  # of lenses: error that changes
+    changing: Single  # of lenses: standard deviation of their own error, likewise
     index: Index  # pixels of the wall that can have depth
     block: npt.NDArray[np.int32]  # of each of them
     lens: npt.NDArray[np.int32]  # (4, pixels) around each of them
     weight: Single  # (4, pixels)
     level_mm: Single  # (pixels,) depth with the bias of the calibration
+    scale_mm: Single  # (pixels,) standard deviation of the error
 
     @classmethod
     def of(
-        cls, camera: LensCamera, background: Background, optics: Optics, edge_px: int, seed: int
+        cls, camera: LensCamera, background: Background, optics: Optics, edge_px: int, bias: Single
     ) -> LensWall:
-        """Return the wall of a scene; the seed decides the bias of its calibration."""
+        """Return the wall of a scene; ``bias`` is that of `LensCamera.calibration`."""
         level = background.level
         rows, columns = level.shape
         lattice = Lattice(rows, columns, camera.lenses)
-        generator = np.random.default_rng([seed, 304])
+        generator = np.random.default_rng([background.seed, 305])
         variance, mean = measure_contrast(level, lattice)
         over_noise = np.asarray(np.sqrt(variance) / optics.noise(mean), np.float32)
         index = _textured(over_noise, lattice, camera, edge_px, generator)
         row, column = np.divmod(index, columns)
         centre = lattice.centres()
         at_lens = over_noise.reshape(-1)[lattice.block_of(*centre)]
-        changing = np.sqrt(camera.changing) * camera.wall_scale(background.depth_mm[centre])
-        changing *= np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)
-        bias = _smooth(generator, rows, columns, camera.bias_px * columns / FULL_COLUMNS)
-        bias *= np.float32(np.sqrt(1 - camera.changing))
+        changing = np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)
+        changing *= np.sqrt(camera.changing)
         true = background.depth_mm.astype(np.float32)
         at = true.reshape(-1)[index]
+        scale = camera.wall_scale(at).astype(np.float32)
         return cls(
             camera,
             lattice,
@@ -266,7 +276,8 @@ class LensWall:
             index,
             lattice.block_of(row, column).astype(np.int32),
             *lattice.between(row, column),
-            at + bias.reshape(-1)[index] * camera.wall_scale(at).astype(np.float32),
+            at + bias.reshape(-1)[index] * scale,
+            scale,
         )
 
     def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Single]:
@@ -274,11 +285,12 @@ class LensWall:
         camera, lattice = self.camera, self.lattice
         block = lattice.block_of(*lattice.centres())
         own, wall = (of.take(block) ** camera.dominance for of in (sight.contrast, sight.wall))
-        changing = self.changing_mm * random.standard_normal(len(block), dtype=np.float32)
+        changing = self.changing * random.standard_normal(len(block), dtype=np.float32)
+        changing += self._drift(random)
         draws, share = random.random(len(self.index), np.float32), np.float32(camera.kept_per_frame)
         hidden = sight.valid.reshape(-1), sight.hidden
         lenses = self.lens, self.weight, changing, own
-        points = (self.index, self.block, self.level_mm)
+        points = (self.index, self.block, self.level_mm, self.scale_mm)
         apart, depth, mixed = _kept_points(draws, share, points, hidden, lenses)
         index = np.concatenate([apart, mixed, sight.pixels])
         pixel = np.divmod(index[len(apart) :], lattice.columns)
@@ -286,18 +298,28 @@ class LensWall:
         depth = np.concatenate([depth, self._mixed(pixel, of_lenses)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
+    def _drift(self, random: np.random.Generator) -> Single:
+        """Return the smooth error of the lenses of a frame, over the `LensCamera.wall_scale`."""
+        camera, lattice = self.camera, self.lattice
+        down, right = lattice.lenses
+        size = (lattice.rows, lattice.columns)
+        field = _smooth(random, size, camera.smooth_px, (down, 2 * right))
+        field *= np.float32(np.sqrt(1 - camera.fixed - camera.changing))
+        odd = np.arange(down)[:, None] % 2  # these rows are half a lens to the right
+        return np.where(odd, field[:, 1::2], field[:, ::2]).reshape(-1)
+
     def _mixed(self, pixel: tuple[Index, Index], of_lenses: tuple[Single, ...]) -> Single:
         """Return the depths at pixels near particles: of the wall, of particles, and between.
 
-        By lens: the weight of particles, that times their depth, the wall's weight and its error.
+        By lens: the weight of particles, that times their depth, the wall's weight and the error.
         """
         lens, weight = self.lattice.between(*pixel)
         mine, depth, other, error = (_interpolated(of, lens, weight) for of in of_lenses)
         share = mine / np.maximum(mine + other, 1e-6)
-        behind = (1 - share) * (self.depth_mm[pixel] + error)
+        behind = (1 - share) * self.depth_mm[pixel]
         depth = behind + share * depth / np.maximum(mine, 1e-6)
         scale = self.camera.wall_scale(depth).astype(np.float32)
-        return np.asarray(depth + self.bias[pixel] * scale, dtype=np.float32)
+        return np.asarray(depth + (self.bias[pixel] + error) * scale, dtype=np.float32)
 
     def look(
         self,
@@ -376,14 +398,15 @@ def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) 
     draws, share
         A point whose draw is below the share is kept, unless it is hidden.
     points
-        Pixel, block and depth of each.
+        Pixel, block, depth and standard deviation of its error of each.
     hidden
         Which blocks and which pixels are.
     lenses
         The four lenses around each point and their weights (`Lattice.between`); of lenses
         the error that changes, and what they see of particles.
     """
-    (index, block, level), (blocks, pixels), (lens, weight, error, own) = points, hidden, lenses
+    (index, block, level, scale), (blocks, pixels) = points, hidden
+    lens, weight, error, own = lenses
     apart, near = np.empty(len(index), np.intp), np.empty(len(index), np.intp)
     depth = np.empty(len(index), np.float32)
     count, others = 0, 0
@@ -397,7 +420,7 @@ def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) 
             continue
         total = weight[0, i] * error[a] + weight[1, i] * error[b]  # as in `_interpolated`
         total = total + weight[2, i] * error[c] + weight[3, i] * error[d]
-        apart[count], depth[count] = index[i], level[i] + total
+        apart[count], depth[count] = index[i], level[i] + scale[i] * total
         count += 1
     return apart[:count].copy(), depth[:count].copy(), near[:others].copy()
 
@@ -422,14 +445,16 @@ def _textured(
 ) -> Index:
     """Return the pixels of the wall with most contrast for their surroundings, sorted.
 
-    Contrast is relative to that of a tenth of the picture around, so that points lie everywhere
-    where there is any.
+    They lie in patches, over each of which a lens sees the contrast. Contrast is relative to that
+    of a tenth of the picture around, so that points lie everywhere where there is any.
     """
     rows, columns = lattice.rows, lattice.columns
     around = cv2.GaussianBlur(over_noise, (0, 0), lattice.blocks[1] / 20)
     score = np.asarray(cv2.resize(over_noise / (around + 0.05), (columns, rows)), np.float32)
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
     score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
+    # depths come in patches of half a lens
+    score = np.asarray(cv2.GaussianBlur(score, (0, 0), lattice.pitch_px / 2), np.float32)
     score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
     count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
     score = score.reshape(-1)
@@ -439,11 +464,30 @@ def _textured(
     return best[score[best] > 0]
 
 
-def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Single:
-    """Return a smooth field (rows, columns) of unit variance."""
-    cells = (int(rows / cell_px) + 2, int(columns / cell_px) + 2)
-    coarse = generator.standard_normal(cells).astype(np.float32)
-    field = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC)
+def _smooth(
+    generator: np.random.Generator,
+    picture: tuple[int, int],
+    cell_px: float,
+    size: tuple[int, int] | None = None,
+) -> Single:
+    """Return a smooth field of unit variance.
+
+    Parameters
+    ----------
+    generator
+        Draws the field.
+    picture
+        Rows and columns of the picture that the field covers.
+    cell_px
+        Pixels of a full picture over which the field changes.
+    size
+        Rows and columns of the field; None: those of the picture.
+    """
+    rows, columns = picture
+    cell = cell_px * columns / FULL_COLUMNS
+    coarse = generator.standard_normal((int(rows / cell) + 2, int(columns / cell) + 2))
+    down, right = size or picture
+    field = cv2.resize(coarse.astype(np.float32), (right, down), interpolation=cv2.INTER_CUBIC)
     return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
 
 

@@ -48,6 +48,7 @@ class Scene:
     handful: float = 6.0  # mean number of particles in one; assumption
     labelled: tuple[tuple[int, tuple[int, int]], ...] = ()
     level_lance: bool = False  # particles leave it along the axis, for the sensitivity
+    calibration: int = 0  # seed of the depth camera's: one for all recordings of a camera
     geometry: Geometry = field(default_factory=Geometry)
     optics: Optics = field(default_factory=Optics)
     surroundings: Surroundings = field(default_factory=Surroundings)
@@ -74,7 +75,8 @@ class Twin:
     def attributes(self) -> Attributes:
         """The attributes of the whole recording."""
         scene, place = self.scene, self.scene.geometry
-        lance = place.lance_mm * (scene.depth.captured(place.lance_depth_mm) / place.lance_depth_mm)
+        row, column = place.lance_pixel
+        lance = place.unproject(row, column, scene.depth.captured(self.lance_seen_mm))
         return Attributes(
             name=scene.name,
             frame_rate_hz=scene.frame_rate_hz,
@@ -87,6 +89,24 @@ class Twin:
             flame_roi=scene.surroundings.flame_roi,
             depth_calibration=EQUATION_2_4,
         )
+
+    @property
+    def lance_seen_mm(self) -> float:
+        """The mean depth of the points at the lance's outlet: the calibration's error is in it.
+
+        The thesis takes the place of the kiln from the cloud, as it "is hardly measurable" (section
+        3.2); other errors are anew in each frame.
+        """
+        place = self.scene.geometry
+        row, column = place.lance_pixel
+        error = self._calibration[round(row), round(column)]
+        depth = place.lance_depth_mm
+        return float(depth + error * self.scene.depth.wall_scale(depth))
+
+    @cached_property
+    def _calibration(self) -> Single:
+        scene, place = self.scene, self.scene.geometry
+        return scene.depth.calibration(place.rows, place.columns, scene.calibration)
 
     @cached_property
     def life(self) -> Life:
@@ -205,7 +225,7 @@ class Twin:
     @cached_property
     def _wall(self) -> LensWall:
         scene, edge = self.scene, self.scene.surroundings.edge_px
-        return LensWall.of(scene.depth, self._background, scene.optics, edge, scene.seed)
+        return LensWall.of(scene.depth, self._background, scene.optics, edge, self._calibration)
 
     def _sight(self, t: int, view: SceneView) -> Sight:
         """Return what the lenses see of the particles of frame ``t``."""
@@ -214,7 +234,7 @@ class Twin:
         return self._wall.look(view.picture, shown, error, view.labels, optics, generator)
 
     def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
-        """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
+        """Return pixels (n, 2) and captured positions (n, 3) of the points of a frame."""
         index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
         captured = self.scene.depth.captured(depth)
         row, column = np.divmod(index, self.scene.geometry.columns)
@@ -230,14 +250,16 @@ class Twin:
 
     @cached_property
     def _error_sizes(self) -> Array:
-        """Standard deviation of each particle's common error in mm, (n,)."""
+        """Standard deviation of each particle's common error in flight in mm, (n,)."""
         sizes = self.life.table["fraction"].map(dict(self.scene.depth.particle_error_mm))
         return np.asarray(sizes.to_numpy(dtype=np.float64), dtype=np.float64)
 
     def particle_errors(self, t: int) -> Array:
         """Return the common error of every particle's depth in mm, (n,)."""
-        sizes, generator = self._error_sizes, self._random(t, 3)
-        return self.scene.depth.scale * sizes * generator.standard_normal(len(sizes))
+        camera, generator = self.scene.depth, self._random(t, 3)
+        over_s = self.life.release_s + self.life.flights.end_s
+        sizes = np.where(over_s <= self.time_s(t), camera.wall_particle_mm, self._error_sizes)
+        return camera.scale * sizes * generator.standard_normal(len(sizes))
 
 
 @njit(cache=True)

@@ -62,7 +62,8 @@ def ground_truth(name: str, seed: int = 0) -> Scene:
     k, counts = SUBSETS.index(name), []
     for kind, (everywhere, within) in COUNTS.items():
         counts.append((kind, (within[k], everywhere[k] - within[k])))
-    return Scene(name, FRAMES, 1000 * seed + k + 1, labelled=tuple(counts))
+    number = 1000 * seed + k + 1
+    return Scene(name, FRAMES, number, labelled=tuple(counts), calibration=seed)
 
 
 def campaign_name(fraction: str, pressure_bar: float) -> str:
@@ -88,6 +89,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         fraction=fraction,
         pressure_bar=pressure_bar,
         count=round(trajectories / (window / rate + DWELL_S) * (frames / rate + LEAD_S)),
+        calibration=seed,
         optics=Optics(exposure_s=PE_EXPOSURE_S) if granules else Optics(),
     )
 
@@ -170,6 +172,7 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "uneven-particles": lambda s: replace(s, optics=s.optics.spread(2.0)),
     "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
     "dense-feed": lambda s: replace(s, count=2 * s.count, handful=12.0),
+    "own-calibration": lambda s: replace(s, calibration=s.seed),
     "low-camera": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=700.0)),
     "level-lance": lambda s: replace(s, level_lance=True),
     "steady-flames": lambda s: replace(s, optics=replace(s.optics, flutter=(0.0, 0.0))),
