@@ -68,9 +68,9 @@ def regular_share(paths: pd.DataFrame) -> float:
     """
     pieces = paths.groupby(["particle", paths["frame"] // WINDOW])
     long = paths[pieces["frame"].transform("size") >= LASTING]
-    names = long.groupby(["particle", long["frame"] // WINDOW]).ngroup().to_numpy(np.intp)
+    names = long.groupby(["particle", long["frame"] // WINDOW]).ngroup()
     place = long[["row", "col"]].to_numpy()
-    found = regularity(names, long["frame"].to_numpy(), place)
+    found = regularity(np.asarray(names, np.intp), np.asarray(long["frame"], np.int64), place)
     return float((found > Elimination.regularity).mean())
 
 
@@ -98,7 +98,7 @@ def seen_by_camera(
     anew = np.hypot(own_mm, np.sqrt(1 - camera.fixed) * scale)
     error = calibration[row, col] * scale
     error += anew * np.random.default_rng([seed, 62]).standard_normal(len(paths))
-    xyz = place.unproject(*pixel.T, paths["z"] + error)
+    xyz = place.unproject(pixel[:, 0], pixel[:, 1], paths["z"] + error)
     return paths.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
 
 
