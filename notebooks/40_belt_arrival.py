@@ -234,8 +234,9 @@ sliding["spheres"] |= {"stops_from_mm": stops[0.05], "stops_to_mm": stops[0.95]}
 pd.DataFrame(sliding).T
 
 # %% [markdown]
-# So the phase is begun later, up to 738 mm, at the paper's 1000 Hz. Once the spheres have stopped
-# sliding, the paper's sentences fit them, but then the phase is 10 cm long and not the printed 15.
+# So the phase is begun later, up to 738 mm, at the paper's 1000 Hz. From 698 mm on, where all
+# spheres have stopped sliding, the paper's sentences fit them: IA is best, CA is better than IV and
+# predicts few beyond the belt's velocity. But then the phase is 9 cm long and not the printed 15.
 
 # %%
 starts = {}

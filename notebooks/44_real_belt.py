@@ -61,8 +61,8 @@ measured = {
 # The papers print neither frame rate nor scale. Both stand in the authors' programs
 # (KIT-ISAS/TrackSort_Neural_Public, branch jakob_master): 5 ms and 0.056 mm/px. The velocity is
 # estimated from each recording's own measurements: the commonest distance along the belt between
-# measurements of consecutive frames. Belts differ between recordings, so the models are calibrated
-# in each recording for itself.
+# measurements of consecutive frames. It is 1.02 m/s for spheres and 0.88 m/s for wheat and
+# cylinders. The models are calibrated in each recording for itself.
 
 # %%
 velocities = {key: recordings.estimate_velocity(part, key[1]) for key, part in pixels.items()}

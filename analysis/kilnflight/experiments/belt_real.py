@@ -97,8 +97,8 @@ def _greatest(numbers: pd.Series, if_none: int) -> int:
 def per_recording(deviations: Deviations) -> Deviations:
     """Return deviations whose models are calibrated in each recording for itself.
 
-    Belts differ between recordings. These are told apart by `PAUSE`. If none of a recording's
-    particles is drawn for calibration, its first one is.
+    The belt's velocity is not known and may differ between recordings, which are told apart by
+    `PAUSE`. If none of a recording's particles is drawn for calibration, its first one is.
     """
 
     def deviate(
