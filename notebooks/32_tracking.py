@@ -316,10 +316,11 @@ checks = judge(cells)
 
 
 def text(cells, what):
-    if what == "steps":
-        return "{:.3f} -> {:.3f}".format(*alpha_and_beta(cells))
-    table = scores.tabulate(cells.values()).set_index("postprocessing")["jsc_theta"]
-    return "{:.3f} -> {:.3f}".format(*(table.loc[stage].mean() for stage in scores.STAGES))
+    ends = alpha_and_beta(cells)
+    if what == "tracks":
+        table = scores.tabulate(cells.values()).set_index("postprocessing")["jsc_theta"]
+        ends = [table.loc[stage].mean() for stage in scores.STAGES]
+    return "-" if np.isnan(ends).any() else "{:.3f} -> {:.3f}".format(*ends)
 
 
 quantities = {
