@@ -104,24 +104,68 @@ def test_any_detector_goes_with_any_clusterer_in_any_order_of_points(detector, c
 @given(
     st.lists(st.tuples(st.floats(-3, 62), st.floats(-3, 82), st.floats(0.25, 8)), max_size=8),
     st.lists(st.tuples(st.integers(0, 14), st.integers(0, 18)), max_size=6, unique=True),
+    st.booleans(),
 )
-def test_two_belong_together_where_they_share_a_pixel(keypoints, corners):
-    blocks = [np.argwhere(np.ones((3, 3))) + 4 * np.array(corner) for corner in corners]
+def test_two_belong_together_where_disc_and_rectangle_share_a_pixel(keypoints, corners, whole):
+    """Each cluster is a cross of five pixels; its rectangle has nine."""
+    cross = np.argwhere([[0, 1, 0], [1, 1, 1], [0, 1, 0]])
+    blocks = [cross + 4 * np.array(corner) for corner in corners]
     pixels = np.concatenate([np.empty((0, 2), int), *blocks])
-    xyz, labels = np.zeros((len(pixels), 3)), np.repeat(np.arange(len(blocks)), 9)
+    xyz, labels = np.zeros((len(pixels), 3)), np.repeat(np.arange(len(blocks)), 5)
     clusters = combination.sort_clusters(pixels, xyz, labels)
     places = np.reshape(keypoints, (-1, 3))
-    together = list(combination.potential_particles(places, clusters, (60, 80)))
+    together = list(combination.potential_particles(places, clusters, whole))
     assert sorted(k for _, spots, _ in together for k in spots) == list(range(len(keypoints)))
     assert sorted(c for *_, groups in together for c in groups) == list(range(len(corners)))
     cases = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
     for case, spots, groups in together:
         assert case == cases[min(len(spots), 2), min(len(groups), 2)]
+    square = np.argwhere(np.ones((3, 3)))
+    areas = [(square if whole else cross) + 4 * np.array(corner) for corner in corners]
     for k, (row, col, radius) in enumerate(keypoints):
-        far = np.hypot(clusters.pixels[:, 0] - row, clusters.pixels[:, 1] - col)
-        near = (far <= max(radius, 1.0) - 1e-9).reshape(-1, 9).any(axis=1)
         (mine,) = (groups for _, spots, groups in together if k in spots)
+        far = [np.hypot(*(area - (row, col)).T).min() for area in areas]
+        sure = np.abs(np.subtract(far, max(radius, 1.0))) > 1e-9
+        near = np.less(far, max(radius, 1.0)) & sure
         assert set(np.flatnonzero(near)) <= set(mine)
+        alone = [s for _, s, g in together if k in s and len(s) == 1]
+        if alone:  # no other keypoint links further clusters
+            assert set(mine) <= set(np.flatnonzero(near | ~sure))
+
+
+def test_the_overlap_is_the_rectangle_around_all_shared_pixels():
+    areas = np.array([(10, 20, 10, 20), (14, 17, 30, 40), (39, 40, 20, 21)])
+    disc = np.array([15.0, 25.0, 6.5])  # columns 19 to 31, of 20 x 20 only the last
+    assert combination.overlap(disc, areas, (60, 80)).tolist() == [13, 18, 19, 32]
+    assert combination.overlap(disc, areas[:1], (60, 80)).tolist() == [13, 18, 19, 20]
+    point = np.array([39.4, 20.4, 0.1])  # smaller than a pixel
+    assert combination.overlap(point, areas, (60, 80)).tolist() == [39, 40, 20, 21]
+
+
+def test_a_keypoint_in_the_rectangle_only_belongs_to_the_cluster():
+    """A ring of points around a keypoint: with its pixels the two are cases 4 and 5."""
+    frame = view(hill(40, 50, 3000), (40, 50, 9, 6000.0))
+    far = abs(frame.pixels - (40, 50)).max(axis=1)
+    ring = frame._replace(pixels=frame.pixels[far > 7], xyz=frame.xyz[far > 7])
+    keypoints = np.array([(40.0, 50.0, 3.0)])
+
+    def cases(rectangular):
+        rule = Combination(
+            lambda *_: keypoints, DBSCAN(3.0, 4), DBSCAN(1e-3, 2), rectangular=rectangular
+        )
+        return rule.decide(ring, keypoints, np.zeros(len(ring.pixels), int))["case"].tolist()
+
+    assert cases(True) == [1]
+    assert sorted(cases(False)) == [4, 5]
+
+
+def test_a_keypoint_wider_than_the_largest_cluster_is_left_out():
+    frame = view(hill(40, 50, 3000))
+    assert found(frame, (40, 50, 45.0))["case"].tolist() == [5]
+    assert len(found(frame, (40, 50, 45.1))) == 0
+    spots = np.array([(40, 50, 45.1)])
+    wide = Combination(lambda *_: spots, DBSCAN(3.0, 4), DBSCAN(3.0, 4), largest_px=200.0)
+    assert wide(frame)["radius_px"].tolist() == [pytest.approx(45.1)]
 
 
 def test_the_mean_grey_value_is_that_of_the_disc():

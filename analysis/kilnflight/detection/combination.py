@@ -1,16 +1,16 @@
 """The combined detector of keypoints and clusters (chapter 3.1).
 
 A 2D detector finds keypoints in the foreground. A clusterer finds clusters among the points
-without the wall, which is the largest cluster of a first pass. Keypoints and clusters that share a
-pixel of the image are one potential particle. Their numbers decide its case, and each case uses
-the grey values differently.
+without the wall, which is the largest cluster of a first pass. A keypoint is a disc, and the area
+of a cluster the rectangle around its pixels. Those that share a pixel of the image are one
+potential particle. Their numbers decide its case, and each case uses the grey values differently.
 
 =====  =========  ========  ===========================================================
 case   keypoints  clusters  decision
 =====  =========  ========  ===========================================================
 1      1          1         a particle
 2      several    1         as many as grey-value peaks in the cluster's rectangle
-3      1          several   as many as peaks where disc and clusters overlap
+3      1          several   as many as peaks in the rectangle where disc and clusters overlap
 4      none       1         if a peak or trough is there and in the frame difference
 5      1          none      the same in the disc's rectangle
 =====  =========  ========  ===========================================================
@@ -20,8 +20,9 @@ Several keypoints with several clusters are not in the thesis; they are decided 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -37,8 +38,9 @@ from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.tables import DETECTIONS
 
 MARGIN_PX = 3  # widens every area, so that its border shows what surrounds the particle; ours
-# A wider or higher cluster is a remainder of the wall and left out. Twice the 45 px that section
-# 3.3 derives from the largest radii (Fig. 3.12); the thesis says nothing about such remainders.
+# A wider or higher cluster is a remainder of the wall, a larger keypoint one of its flicker; both
+# are left out. Twice the 45 px that section 3.3 derives from the radii, nearly all of which are
+# below 15 px (Fig. 3.12). The thesis names no limit.
 LARGEST_PX = 90
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
 # By how many keypoints and clusters share pixels, 2 for several. The last is not in the thesis.
@@ -96,13 +98,26 @@ def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Cluster
     return Clusters(clusters.pixels.take(point, axis=0), clusters.xyz.take(point, axis=0), start)
 
 
+def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index]:
+    """Return the areas (n, 4) of clusters in px, as `rectangles`, and the cluster (n,) of each.
+
+    ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1. False: its
+    pixels, which do not fill it.
+    """
+    number = len(clusters.start) - 1
+    if rectangular:
+        return rectangles(clusters), np.arange(number)
+    single = clusters.pixels[:, [0, 0, 1, 1]] + np.array([0, 1, 0, 1])
+    return single, np.repeat(np.arange(number), np.diff(clusters.start))
+
+
 def potential_particles(
-    keypoints: Array, clusters: Clusters, shape: tuple[int, ...]
+    keypoints: Array, clusters: Clusters, rectangular: bool = True
 ) -> Iterator[tuple[int, Index, Index]]:
     """Yield case, keypoints (s,) and clusters (c,) of each potential particle.
 
-    Both are indices. A keypoint and a cluster are linked if its disc shares a pixel with the
-    cluster. A potential particle is all that is linked, directly or through others.
+    Both are indices. A keypoint and a cluster are linked if its disc shares a pixel with an area
+    of the cluster. A potential particle is all that is linked, directly or through others.
 
     Parameters
     ----------
@@ -110,18 +125,16 @@ def potential_particles(
         (k, 3) row, column and radius in px.
     clusters
         Clusters of the same frame.
-    shape
-        Rows and columns of the frame.
+    rectangular
+        Whether the area of a cluster is its rectangle, or else its pixels.
     """
     spots, groups = len(keypoints), len(clusters.start) - 1
     if not spots + groups:
         return
-    owner = np.zeros(shape, dtype=np.int32)  # of each pixel: its cluster, counted from 1
-    owner[tuple(clusters.pixels.T)] = np.repeat(np.arange(groups) + 1, np.diff(clusters.start))
-    spot, row, col = disc_pixels(np.array(keypoints, order="C"), SMALLEST_DISC_PX, shape)
-    group = owner[row, col] - 1
-    ends = (spot[group >= 0], spots + group[group >= 0])
-    links = coo_array((np.ones(len(ends[0])), ends), shape=2 * (spots + groups,))
+    areas, owner = areas_of(clusters, rectangular)
+    touching = _touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX)
+    spot, area = np.nonzero(touching)
+    links = coo_array((np.ones(len(spot)), (spot, spots + owner[area])), 2 * (spots + groups,))
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
     sizes, later = np.bincount(part), np.bincount(part[spots:], minlength=part.max() + 1)
@@ -129,6 +142,36 @@ def potential_particles(
     for first, middle, end in np.stack([last - sizes, last - later, last], axis=1).tolist():
         case = _CASES[min(middle - first, 2), min(end - middle, 2)]
         yield case, order[first:middle], order[middle:end] - spots
+
+
+@numba.njit(cache=True)
+def _touching(discs: Any, areas: Any, smallest: float) -> Any:
+    """Return whether each disc shares a pixel with each area, (n, m).
+
+    ``discs`` (n, 3) are row, column and radius in px, ``areas`` (m, 4) as in `rectangles`; smaller
+    discs get the radius ``smallest``. Compiled: some hundred discs meet a thousand rectangles.
+    """
+    touching = np.empty((len(discs), len(areas)), np.bool_)
+    for i in range(len(discs)):
+        row, col, radius = discs[i]
+        for j in range(len(areas)):
+            top, bottom, left, right = areas[j]
+            down = min(max(np.rint(row), top), bottom - 1) - row  # to the nearest pixel
+            across = min(max(np.rint(col), left), right - 1) - col
+            touching[i, j] = down**2 + across**2 <= max(radius, smallest) ** 2
+    return touching
+
+
+def overlap(disc: Array, areas: Index, shape: tuple[int, ...]) -> Index:
+    """Return the rectangle (4,) around the pixels that a disc shares with areas (n, 4).
+
+    ``disc`` (3,) is row, column and radius in px; it shares a pixel of the image, of ``shape``,
+    with one area at least.
+    """
+    _, row, col = disc_pixels(disc[None], SMALLEST_DISC_PX, shape)
+    top, bottom, left, right = areas.T[..., None]
+    shared = ((top <= row) & (row < bottom) & (left <= col) & (col < right)).any(axis=0)
+    return around(np.stack([row, col], axis=1)[shared])
 
 
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
@@ -179,6 +222,11 @@ class Combination:
     share
         A second peak must stand out by this share of the highest: in saturated or flickering
         flames the noise is larger than elsewhere.
+    rectangular
+        Whether a keypoint and a cluster belong together where its disc meets the rectangle of
+        the cluster (chapter 3.1, case 2); False: where it meets a pixel of it.
+    largest_px
+        Diameter of the largest keypoint, in px; larger ones are left out.
     """
 
     detector: Detector2D = field(default_factory=DoG)
@@ -186,6 +234,8 @@ class Combination:
     wall: Clusterer = field(default_factory=lambda: DBSCAN(eps=50.0, min_points=10))  # 5.1.3
     prominence: float = 5.0
     share: float = 0.1
+    rectangular: bool = True
+    largest_px: float = LARGEST_PX
 
     def __post_init__(self) -> None:
         check_number(self.prominence, "Combination: prominence", above=0)
@@ -242,6 +292,7 @@ class Combination:
             `kilnflight.tables.DETECTIONS`.
         """
         clusters = sort_clusters(view.pixels, view.xyz, labels)
+        keypoints = no_larger(keypoints, self.largest_px)
         small = widths(clusters) <= LARGEST_PX
         if roi is not None:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
@@ -250,11 +301,11 @@ class Combination:
         evidence = Evidence.of(view.gray, view.previous, self.prominence, self.share, view.smooth)
         moved = evidence.moved(widened(rectangles(clusters)))
         parts = [np.empty((0, len(_COLUMNS)))]
-        for case, spots, groups in potential_particles(keypoints, clusters, view.gray.shape):
+        for case, spots, groups in potential_particles(keypoints, clusters, self.rectangular):
             if case == 4 and not moved[groups[0]]:  # most; tested at once for speed
                 continue
             members = take_clusters(clusters, groups)
-            parts.append(decide_case(case, keypoints[spots], members, evidence))
+            parts.append(decide_case(case, keypoints[spots], members, evidence, self.rectangular))
         return _table(np.concatenate(parts), view.gray, frame)
 
 
@@ -326,7 +377,9 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     return labels
 
 
-def decide_case(case: int, spots: Array, clusters: Clusters, evidence: Evidence) -> Array:
+def decide_case(
+    case: int, spots: Array, clusters: Clusters, evidence: Evidence, rectangular: bool = True
+) -> Array:
     """Return the particles (k, 8) of a potential particle by its case; k may be 0.
 
     Columns are row, column, radius in px, mean x, y, z in mm, number of points, and case.
@@ -341,6 +394,8 @@ def decide_case(case: int, spots: Array, clusters: Clusters, evidence: Evidence)
         Its clusters; none in case 5.
     evidence
         Peaks and changes of the grey values of the frame.
+    rectangular
+        As in `potential_particles`; case 3 looks where disc and areas overlap.
     """
     pixels, xyz = clusters.pixels, clusters.xyz
     if case == 1:
@@ -353,11 +408,10 @@ def decide_case(case: int, spots: Array, clusters: Clusters, evidence: Evidence)
         sides = np.array([row - radius, row + radius + 1, col - radius, col + radius + 1])
         real = evidence.real(widened(np.round(sides).astype(np.intp)))
         return _particle(spots[0], xyz, case)[: int(real)]
-    covered = pixels
+    area = around(pixels)
     if case == 3:
-        far = np.hypot(pixels[:, 0] - spots[0, 0], pixels[:, 1] - spots[0, 1])
-        covered = pixels[far <= max(spots[0, 2], SMALLEST_DISC_PX)]
-    peaks = evidence.peaks(widened(around(covered)))
+        area = overlap(spots[0], areas_of(clusters, rectangular)[0], evidence.gray.shape)
+    peaks = evidence.peaks(widened(area))
     if len(peaks) < 2:
         return _particle(_middle(pixels) if case == 2 else spots[0], xyz, case)
     # Each peak is a particle of the points nearest to it.
@@ -390,6 +444,11 @@ def around(pixels: Index) -> Index:
     """Return first row, end row, first col and end col (4,) of pixels (n, 2)."""
     low, high = pixels.min(axis=0), pixels.max(axis=0) + 1
     return np.array([low[0], high[0], low[1], high[1]])
+
+
+def no_larger(keypoints: Array, largest_px: float = LARGEST_PX) -> Array:
+    """Return the keypoints (n, 3) whose discs have at most a diameter in px."""
+    return keypoints[2 * keypoints[:, 2] <= largest_px]
 
 
 def widened(areas: Index) -> Index:
