@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import correlate1d, maximum_filter
 
-LAYERS, SIGMA, EDGE = 3, 1.6, 10.0
+LAYERS, SIGMA = 3, 1.6
 
 
 def blur(image, sigma):
@@ -28,7 +28,7 @@ def fit(cube):
     return np.array([(at(e) - at(-e)) / 2 for e in unit]), hessian
 
 
-def localised(stack, sample, threshold):
+def localised(stack, sample, threshold, edge):
     """Follow Eqs 2.25 to 2.28 from a sample; None if the keypoint is dropped."""
     i, y, x = sample
     for step in range(3):
@@ -45,12 +45,12 @@ def localised(stack, sample, threshold):
     curvature = hessian[1:, 1:]
     strong = stack[i, y, x] + gradient @ offset / 2 >= threshold
     bent = np.linalg.det(curvature) > 0 and (
-        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (EDGE + 1) ** 2 / EDGE
+        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (edge + 1) ** 2 / edge
     )
     return (i, y, x, *offset) if strong and bent and np.abs(offset).max() < 1 else None
 
 
-def octave(image, threshold):
+def octave(image, threshold, edge):
     sigmas = SIGMA * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)
     gauss = np.stack([blur(image, np.sqrt(s**2 - SIGMA**2)) for s in sigmas])
     stack = gauss[:-1] - gauss[1:]
@@ -59,7 +59,7 @@ def octave(image, threshold):
     peak = stack > maximum_filter(stack, footprint=around)
     peak &= (stack >= threshold / 2) & (stack > 0)
     samples = np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1
-    found = {localised(stack, sample, threshold) for sample in samples}
+    found = {localised(stack, sample, threshold, edge) for sample in samples}
     found = np.array(sorted(found - {None})).reshape(-1, 6)
     k = 2 ** (1 / LAYERS)
     disc = k * np.sqrt(2 * np.log(k**2) / (k**2 - 1))
@@ -67,12 +67,12 @@ def octave(image, threshold):
     return np.column_stack([found[:, 1:3] + found[:, 4:], disc * scale])
 
 
-def keypoints(foreground, threshold, camera_blur=0.5):
+def keypoints(foreground, threshold, camera_blur=0.5, edge=10.0):
     """Row, col and radius (n, 3) of the keypoints."""
     image, spacing, found = foreground.astype(np.float64), 1.0, [np.empty((0, 3))]
     image = blur(image, np.sqrt(SIGMA**2 - camera_blur**2))
     while min(image.shape) >= 3:
-        found.append(spacing * octave(image, threshold))
+        found.append(spacing * octave(image, threshold, edge))
         image = blur(image, np.sqrt(3.0) * SIGMA)[::2, ::2]
         spacing *= 2
     return np.concatenate(found)

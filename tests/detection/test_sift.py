@@ -47,8 +47,8 @@ def scene(seed, shape=(90, 120), blobs=5):
     return image.clip(0, 65535).round().astype(np.uint16)
 
 
-def assert_defined(image, *parameters, atol=1e-3):
-    actual, expected = DoG(*parameters)(image), keypoints(image, *parameters)
+def assert_defined(image, *parameters, atol=1e-3, **edge):
+    actual, expected = DoG(*parameters, **edge)(image), keypoints(image, *parameters, **edge)
     assert len(actual) == len(expected) > 0
     near = np.abs(actual[:, None] - expected[None]).max(axis=2)
     assert max(near.min(axis=1).max(), near.min(axis=0).max()) < atol
@@ -59,7 +59,17 @@ def test_it_is_the_plain_definition(shape):
     image = scene(shape[0], shape, blobs=12)
     assert_defined(image, 500.0)
     assert_defined(image, 60.0, 1.0)
+    assert_defined(image, 60.0, edge=3.0)
+    assert_defined(image, 60.0, edge=40.0)
     assert_defined(image, 0.0, atol=5e-3)  # the weakest maxima are flat
+
+
+def test_a_blob_is_found_up_to_its_ratio_of_curvatures():
+    """The curvatures of a Gaussian of 4 px by 12 px differ by some nine times in its middle."""
+    row, col = np.ogrid[:120, :160]
+    long = 30_000 * np.exp(-((row - 60) ** 2) / 32 - (col - 80) ** 2 / 288)
+    counts = [len(DoG(500.0, edge=edge)(long)) for edge in (1.5, 4.0, 30.0)]
+    assert counts == [0, 0, 1]
 
 
 @given(SEED, st.lists(st.floats(60.0, 3000.0), min_size=1), st.sampled_from([0.25, 2.0, 8.0]))

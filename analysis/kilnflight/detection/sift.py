@@ -6,7 +6,7 @@ descriptor (Eqs 2.29 ff.) are not computed.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,7 +25,6 @@ _Box = tuple[int, int, int, int]  # first row, end row, first column, end column
 # Lowe 2004 ([66] of the thesis), sections 3 and 4.
 LAYERS = 3  # scales per octave that are searched; k of Eq. 2.23 is 2^(1/LAYERS)
 SIGMA_PX = 1.6  # blur of the first scale of an octave, in px of the octave
-EDGE = 10.0  # largest ratio of the curvatures across a blob, r of Eq. 2.28
 _FITS = 3  # fits of the quadratic at a maximum; after each it may move by one sample
 _MOVE = 0.6  # offset in px from which the fit moves to the next sample
 _BELIEVED = 1.0  # offset in samples from which a keypoint is rejected: beyond the three fitted
@@ -79,6 +78,9 @@ class DoG:
         Blur of the image as captured, in px.
     enlarge
         Search the image at so many times its size, which finds smaller blobs: 1, 2 or 4.
+    edge
+        Largest ratio of the curvatures across a blob, r of Eq. 2.28: "a user-defined threshold",
+        which the thesis does not print.
 
     Notes
     -----
@@ -93,16 +95,19 @@ class DoG:
     response at the keypoint's scale. For a Gaussian blob it is the square root of 2 times its
     standard deviation. The thesis does not say how it draws its circles.
 
-    Sources: Eqs 2.21 to 2.28, thesis; Lowe 2004 for `LAYERS`, `SIGMA_PX`, `EDGE`, camera blur.
+    Sources: Eqs 2.21 to 2.28, thesis; Lowe 2004 for `LAYERS`, `SIGMA_PX`, ``edge``, camera
+    blur.
     """
 
     threshold: float = 500.0  # grey values; empirical value of section 5.1.2
     camera_blur: float = 0.5  # px
     enlarge: int = 1
+    edge: float = 10.0  # Lowe 2004, section 4.1
 
     def __post_init__(self) -> None:
         check_number(self.threshold, "DoG: threshold", least=0)
         check_number(self.camera_blur, "DoG: camera_blur", least=0, most=SIGMA_PX)
+        check_number(self.edge, "DoG: edge", least=1)
 
     def __call__(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
@@ -146,7 +151,8 @@ class DoG:
         if self.enlarge > 1 and image.size:
             n, shift = self.enlarge, (self.enlarge - 1) / 2
             around = within and tuple((n * row + shift, n * col + shift) for row, col in within)
-            plain = DoG(self.threshold, min(n * self.camera_blur, SIGMA_PX))
+            blur = min(n * self.camera_blur, SIGMA_PX)
+            plain = replace(self, camera_blur=blur, enlarge=1)
             return (plain.graded(enlarged(image, n), around) - [shift, shift, 0, 0]) / [n, n, n, 1]
         octaves, spacing = [np.empty((0, 4))], 1.0
         if image.size:
@@ -168,7 +174,8 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
         boxes = _boxes(live, image.shape)
-        points = np.asarray(_search(image, boxes, _KERNELS, float(self.threshold)))
+        least, edge = float(self.threshold), float(self.edge)
+        points = np.asarray(_search(image, boxes, _KERNELS, least, edge))
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
@@ -280,12 +287,13 @@ def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
 
 
 @njit(cache=True)
-def _search(image: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
+def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float) -> Any:
     """Return the keypoints (n, 7) of all boxes, with the columns of `_keypoints`.
 
     ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image (rows, cols).
-    ``kernels`` are `_taps`, the narrowest first, and ``threshold`` is in grey values. Compiled:
-    some hundred boxes a frame, each passed from Python, cost a fifth of their time.
+    ``kernels`` are `_taps`, the narrowest first, and ``threshold`` is in grey values; ``edge`` as
+    in `DoG`. Compiled: some hundred boxes a frame, each passed from Python, cost a fifth of their
+    time.
     """
     (rows, cols), found, count = image.shape, np.empty((64, 7)), 0
     for index in range(len(boxes)):
@@ -293,7 +301,8 @@ def _search(image: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
         first, start = top - _WALK, left - _WALK
         box = (first, bottom + _WALK, start, right + _WALK)
         visit = (1 - first, rows - 1 - first, 1 - start, cols - 1 - start)
-        points = _keypoints(_differences(image, box, kernels, threshold / 2), visit, threshold)
+        stack = _differences(image, box, kernels, threshold / 2)
+        points = _keypoints(stack, visit, threshold, edge)
         if count + len(points) > len(found):
             found = np.concatenate((found, np.empty((len(found) + len(points), 7))))
         for point in points:
@@ -336,7 +345,7 @@ def _maxima(stack: Any, level: float) -> Any:
 
 
 @njit(cache=True)
-def _keypoints(stack: Any, visit: _Box, threshold: float) -> Any:
+def _keypoints(stack: Any, visit: _Box, threshold: float, edge: float) -> Any:
     """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
     The stack (layers, rows, cols) holds differences of Gaussians of one box. A quadratic is fitted
@@ -361,7 +370,7 @@ def _keypoints(stack: Any, visit: _Box, threshold: float) -> Any:
                 col += right if visit[2] <= col + right < visit[3] else 0
         trace = hessian[1, 1] + hessian[2, 2]
         determinant = hessian[1, 1] * hessian[2, 2] - hessian[1, 2] ** 2
-        blob = determinant > 0 and trace**2 * EDGE < (EDGE + 1) ** 2 * determinant
+        blob = determinant > 0 and trace**2 * edge < (edge + 1) ** 2 * determinant
         peak = value + np.dot(gradient, offset) / 2
         if blob and np.abs(offset).max() < _BELIEVED and peak >= threshold:
             points[count, 0], points[count, 1], points[count, 2] = layer, row, col
