@@ -1,6 +1,6 @@
 """The six background models against their equations, and what they have in common."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -50,8 +50,10 @@ def test_the_defaults_are_those_of_table_5_4():
 def test_frame_differences(model, length, t, beside):
     """At the ends the frame on the other side is taken, then the farther end."""
     stack = noise(length)
-    (found,) = model(stack, [t])
-    np.testing.assert_array_equal(found, plain.frame_difference(stack, t, beside))
+    for absolute in (False, True):
+        (found,) = replace(model, absolute=absolute)(stack, [t])
+        expected = plain.frame_difference(stack, t, beside, absolute)
+        np.testing.assert_array_equal(found, expected)
 
 
 @given(
@@ -86,12 +88,15 @@ def test_adaptive_is_its_equations(window, rate):
         np.testing.assert_allclose(image, plain.adaptive(stack, t, window, rate), rtol=1e-6)
 
 
-@pytest.mark.parametrize("model", [RunningGaussian(), RunningGaussian(5, 0.5, 1.5)], ids=repr)
+@pytest.mark.parametrize(
+    "model", [RunningGaussian(), RunningGaussian(5, 0.5, 1.5, absolute=True)], ids=repr
+)
 def test_running_gaussian_is_its_equations(model):
     stack = noise(30)
     means, foregrounds = model.backgrounds(stack, range(30)), model(stack, range(30))
     for t, found, foreground in zip(range(30), means, foregrounds, strict=True):
-        mean, expected = plain.running_gaussian(stack, t, model.window, model.memory, model.k)
+        settings = model.window, model.memory, model.k, model.absolute
+        mean, expected = plain.running_gaussian(stack, t, *settings)
         np.testing.assert_allclose(found, mean, rtol=1e-6)
         np.testing.assert_allclose(foreground, expected, rtol=1e-5, atol=1e-3)
     assert not next(RunningGaussian(1)(stack, [3])).any()
@@ -123,8 +128,9 @@ def test_a_particle_appears_where_it_is_bright_or_dark(model):
     assert np.argwhere(foreground).tolist() == [[20, 11]]
     assert foreground[20, 11] == pytest.approx(5000, rel=0.06)
     (dark,) = model(65535 - stack, [100])
-    stops = getattr(model, "signed", False)  # at zero, where no equation has bars
-    np.testing.assert_allclose(dark, 0 * foreground if stops else foreground, rtol=1e-6)
+    assert dark[20, 11] == 0
+    (absolute,) = replace(model, absolute=True)(65535 - stack, [100])
+    np.testing.assert_allclose(absolute[20, 11], foreground[20, 11], rtol=1e-6)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, ">u2", np.float32])
@@ -134,7 +140,7 @@ def test_the_foreground_is_the_difference_or_its_positive_part(kind, dtype):
     images = list(kind().backgrounds(stack, indices))
     exact = [stack[t].astype(np.float64) - image for t, image in zip(indices, images, strict=True)]
     np.testing.assert_allclose(list(kind()(stack, indices)), np.maximum(exact, 0), atol=1e-4)
-    absolute = list(kind(signed=False)(stack, indices))
+    absolute = list(kind(absolute=True)(stack, indices))
     np.testing.assert_allclose(absolute, np.abs(exact), atol=1e-4)
 
 

@@ -9,10 +9,15 @@ def others(length, t, window):
     return [j for j in range(first, min(first + window + 1, length)) if j != t]
 
 
-def frame_difference(stack, t, beside):
-    """Eqs 2.5 and 2.6: mean absolute difference from the frames ``beside``."""
-    image = stack.astype(np.float64)
-    return np.mean([np.abs(image[t] - image[other]) for other in beside], axis=0)
+def difference(frame, background, absolute):
+    """The difference of two pictures: with bars, or as 16 bits without a sign have it."""
+    apart = frame.astype(np.float64) - background
+    return np.abs(apart) if absolute else np.where(apart > 0, apart, 0)
+
+
+def frame_difference(stack, t, beside, absolute):
+    """Eqs 2.5 and 2.6: mean difference from the frames ``beside``."""
+    return np.mean([difference(stack[t], stack[other], absolute) for other in beside], axis=0)
 
 
 def mean(stack, t, window):
@@ -31,12 +36,12 @@ def adaptive(stack, t, window, rate):
     return background
 
 
-def running_gaussian(stack, t, window, memory, k):
+def running_gaussian(stack, t, window, memory, k, absolute):
     """Eqs 2.9 and 2.10, the learning rate as the weight of the previous average."""
     frames = stack[max(t - window + 1, 0) : t + 1].astype(np.float64)
     average, variance = frames[0], np.zeros(frames[0].shape)
     for image in frames[1:]:
         average = memory * average + (1 - memory) * image
         variance = memory * variance + (1 - memory) * (image - average) ** 2
-    deviation = np.abs(frames[-1] - average)
-    return average, np.where(deviation > k * np.sqrt(variance), deviation, 0)
+    selected = np.abs(frames[-1] - average) > k * np.sqrt(variance)
+    return average, np.where(selected, difference(frames[-1], average, absolute), 0)

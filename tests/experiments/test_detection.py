@@ -6,6 +6,7 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables
+from kilnflight.project import claims
 from kilnflight.twin import truth
 
 MEDIAN = background.Median(window=20)
@@ -68,3 +69,38 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
     assert marked["z"].notna().any()
     for table in (marked, detected):
         np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))
+
+
+def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subset):
+    """The total row adds what DoG finds at the two thresholds; the misfit is from print."""
+    pair = [subset, subset._replace(name="V5", frames=(76,), cache={})]
+    table = detection_tables.edge_table(pair, "quick", (2.0, 10.0)).set_index(["edge", "subset"])
+    for edge in (2.0, 10.0):
+        one = table.loc[edge]
+        for name, own in zip(("V3", "V5"), pair, strict=True):
+            method = detection.from_foreground(DoG(one.loc[name, "threshold"], edge=edge))
+            counts = detection.run([own], {"SIFT": method})[["tp", "fp", "fn"]].sum()
+            assert one.loc[name, ["tp", "fp", "fn"]].tolist() == counts.tolist()
+        assert one.loc["Total", "fp"] == one.loc[["V3", "V5"], "fp"].sum()
+        off = (
+            100 * (one.loc["Total", "f1"] - 0.8749),
+            2 * (one.loc["Total", "fp"] ** 0.5 - 354**0.5),
+        )
+        assert one.loc["Total", "misfit"] == pytest.approx(np.hypot(*off))
+    assert table.loc[2.0]["tp"].sum() <= table.loc[10.0]["tp"].sum()
+
+
+def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
+    few = subset._replace(frames=(75,))
+    roi = subset.recording.attributes.roi
+    printed = claims.published("table_5.11")["method"].tolist()
+    found = {}
+    for largest in (90.0, 1e-3):
+        methods = detection.table_5_11_methods(Combination(DoG(500.0), largest_px=largest), roi)
+        assert list(methods) == printed
+        table = detection.run([few], methods).set_index("method")
+        found[largest] = table["tp"] + table["fp"]
+    assert (found[90.0] > 0)[["2D-OTSU", "2D-SIFT"]].all()
+    assert found[1e-3][["2D-OTSU", "2D-SIFT"]].tolist() == [0, 0]
+    clouds = [name for name in printed if name.startswith("3D")]
+    assert found[1e-3][clouds].tolist() == found[90.0][clouds].tolist()

@@ -14,11 +14,10 @@ model              equation          default                                    
 =================  ================  ============================================  =========
 
 The foreground is the difference of frame and background in grey values, a new float32 array that
-depends on no other requested frame. It is absolute where bars are printed, in Eqs 2.5, 2.6 and
-2.10. For mean, median and adaptive learning it stops at zero: "the dark particles might be deleted"
-(section 3.1). ``signed=False`` takes the absolute difference there, too. `Mean`, `Median`,
-`Adaptive` and `RunningGaussian` also have
-``backgrounds(frames, indices)``, the images of Fig. 5.2.
+depends on no other requested frame. It stops at zero, as that of two pictures of 16 bits does;
+``absolute=True`` takes the absolute difference, whose bars stand in Eqs 2.5, 2.6 and 2.10. `Mean`,
+`Median`, `Adaptive` and `RunningGaussian` also have ``backgrounds(frames, indices)``, the images of
+Fig. 5.2.
 """
 
 from collections.abc import Callable, Iterable, Iterator

@@ -23,17 +23,6 @@ from kilnflight.checks import check_number
 _Image = npt.NDArray[Any]
 
 
-def _difference(frame: _Image, background: _Image, signed: bool = False) -> Single:
-    """Return the absolute difference of two images (rows, cols), float32.
-
-    ``signed``: the positive part of frame minus background instead.
-    """
-    kind = np.result_type(frame, background, np.float32)  # exact for both
-    apart = np.subtract(frame, background, dtype=kind)
-    apart = np.maximum(apart, 0, out=apart) if signed else np.abs(apart, out=apart)
-    return np.asarray(apart, dtype=np.float32)
-
-
 def _partner(index: int, step: int, length: int) -> int:
     """Return the number of the frame ``step`` frames away, or as far the other way.
 
@@ -46,8 +35,34 @@ def _partner(index: int, step: int, length: int) -> int:
 
 
 @dataclass(frozen=True)
-class TwoFrame:
-    """Take the absolute difference from an earlier frame (Eq. 2.5).
+class Subtraction:
+    """Subtract a background from each frame.
+
+    Parameters
+    ----------
+    absolute
+        Whether the difference is absolute. False: it stops at zero, as that of two pictures of
+        16 bits does in MATLAB, so that pixels darker than the background vanish. Eqs 2.5, 2.6
+        and 2.10 have bars; for mean, median and adaptive learning no difference is printed, and
+        section 3.1 says that dark particles "might be deleted".
+    """
+
+    absolute: bool = field(default=False, kw_only=True)
+
+    def _difference(self, frame: _Image, background: _Image) -> Single:
+        """Return the difference of two images (rows, cols), float32."""
+        kind = np.result_type(frame, background, np.float32)  # exact for both
+        apart = np.subtract(frame, background, dtype=kind)
+        if self.absolute:
+            np.abs(apart, out=apart)
+        else:
+            np.maximum(apart, 0, out=apart)
+        return np.asarray(apart, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class TwoFrame(Subtraction):
+    """Take the difference from an earlier frame (Eq. 2.5).
 
     Parameters
     ----------
@@ -79,7 +94,7 @@ class TwoFrame:
         """Return the mean difference (rows, cols) of frame t from the frames of `_sides`."""
         beside = [_partner(t, side * self.interval, held.length) for side in self._sides]
         held.fetch([t, *beside])
-        total = sum(_difference(held[t], held[other]) for other in beside)
+        total = sum(self._difference(held[t], held[other]) for other in beside)
         return np.asarray(total / len(beside), dtype=np.float32)
 
 
@@ -97,21 +112,16 @@ class ThreeFrame(TwoFrame):
 
 
 @dataclass(frozen=True)
-class WindowModel(ABC):
+class WindowModel(Subtraction, ABC):
     """Compare each frame with a background made of the frames around it.
 
     Parameters
     ----------
     window
         Frames around each frame, from 1.
-    signed
-        Whether the difference stops at zero, so that pixels darker than the background vanish.
-        Bars of an absolute value stand in Eqs 2.5, 2.6 and 2.10 only, and section 3.1 says that
-        dark particles "might be deleted" by the subtraction. False: the absolute difference.
     """
 
     window: int
-    signed: bool = field(default=True, kw_only=True)
     _room: ClassVar[int] = 1  # frames held beside the window
 
     def __post_init__(self) -> None:
@@ -133,7 +143,7 @@ class WindowModel(ABC):
             If there is no such frame, or frames differ in shape or type.
         """
         held, backgrounds = self._prepared(frames, indices)
-        return (_difference(held[t], image, self.signed) for t, image in backgrounds)
+        return (self._difference(held[t], image) for t, image in backgrounds)
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
         """Yield the background (rows, cols) of each requested frame, as in Fig. 5.2."""
@@ -249,11 +259,10 @@ class Adaptive(WindowModel):
 
 
 @dataclass(frozen=True)
-class RunningGaussian:
+class RunningGaussian(Subtraction):
     """Keep differences from a running average that are significant (Eqs 2.9, 2.10).
 
-    The foreground is the absolute difference where it exceeds ``k`` standard deviations, 0
-    elsewhere.
+    The foreground is the difference where it exceeds ``k`` standard deviations, 0 elsewhere.
 
     Parameters
     ----------
@@ -311,7 +320,7 @@ class RunningGaussian:
             deviation = image - mean
             cv2.accumulateWeighted(deviation**2, variance, 1 - self.memory)
         selected = deviation**2 > self.k**2 * variance
-        foreground = np.where(selected, np.abs(deviation), 0).astype(np.float32)
+        foreground = self._difference(np.where(selected, deviation, 0), np.zeros(held.shape))
         return (held[first] + mean).astype(held.precise), foreground
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -28,9 +29,11 @@ from kilnflight.detection import (
     QuasiClusterCenters,
 )
 from kilnflight.detection.combination import (
+    LARGEST_PX,
     Combination,
     View,
     centers,
+    no_larger,
     second_pass,
     sort_clusters,
 )
@@ -206,20 +209,27 @@ def _frame_rows(
     return rows
 
 
-def from_foreground(detector: Detector2D) -> Method:
-    """Return a 2D detector of a view's foreground as a method."""
-    return lambda view: detector(view.foreground)
+def from_foreground(detector: Detector2D, largest_px: float = LARGEST_PX) -> Method:
+    """Return a 2D detector of a view's foreground as a method.
+
+    Keypoints above ``largest_px`` in diameter are left out.
+    """
+    return lambda view: no_larger(detector(view.foreground), largest_px)
 
 
-def from_thresholds(thresholds: Iterable[float]) -> dict[float, Method]:
+def from_thresholds(
+    thresholds: Iterable[float], rule: Combination | None = None
+) -> dict[float, Method]:
     """Return DoG as a method by threshold in grey values, with one call for all.
 
     DoG runs with the smallest threshold and grades its keypoints. For a larger threshold, those
-    of a lower grade are dropped. The methods share that call, so their times mean nothing.
+    of a lower grade are dropped. The methods share that call, so their times mean nothing. Edge
+    and largest keypoint are those of ``rule``; None: the default.
     """
-    ascending = sorted(thresholds)
-    lowest = DoG(float(ascending[0]))
-    graded = remembered(lambda view: lowest.graded(view.foreground))
+    rule, ascending = rule or Combination(), sorted(thresholds)
+    sift: Any = rule.detector
+    lowest = replace(sift, threshold=float(ascending[0]))
+    graded = remembered(lambda view: no_larger(lowest.graded(view.foreground), rule.largest_px))
 
     def above(threshold: float, view: View) -> npt.NDArray[np.float64]:
         particles = graded(view)
@@ -233,7 +243,7 @@ def from_cloud(clusterer: Callable[[npt.NDArray[np.float64]], Any]) -> Method:
     return lambda view: centers(sort_clusters(view.pixels, view.xyz, clusterer(view.xyz)))
 
 
-def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Method]:
+def table_5_11_methods(rule: Combination, roi: Polygon | None) -> dict[str, Method]:
     """Return the eleven detection methods of Table 5.11 by their printed names.
 
     Two combinations with the same clusterer share its clusters, so ``seconds`` of `run` include
@@ -241,8 +251,8 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
 
     Parameters
     ----------
-    threshold
-        Threshold of DoG in grey values.
+    rule
+        Combination of SIFT; the others have the same rules.
     roi
         Region of interest of the combinations: corners (row, col); None: the whole frame.
     """
@@ -250,11 +260,15 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
     def combined(
         detector: Detector2D, labels: Callable[[View], Any], view: View
     ) -> npt.NDArray[np.float64]:
-        found = Combination(detector).decide(view, detector(view.foreground), labels(view), roi)
+        each = replace(rule, detector=detector)
+        found = each.decide(view, detector(view.foreground), labels(view), roi)
         return found[["row", "col"]].to_numpy()
 
-    detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": DoG(threshold)}
-    methods = {f"2D-{name}": from_foreground(detector) for name, detector in detectors.items()}
+    detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": rule.detector}
+    methods = {
+        f"2D-{name}": from_foreground(detector, rule.largest_px)
+        for name, detector in detectors.items()
+    }
     methods["3D-DBSCAN Clustering"] = from_cloud(DBSCAN(eps=50.0, min_points=10))
     methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
@@ -297,27 +311,53 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
 
 
 def compare_thresholds(
-    subsets: list[Subset], scale: str, background: BackgroundModel | None = None
+    subsets: list[Subset],
+    scale: str,
+    background: BackgroundModel | None = None,
+    rule: Combination | None = None,
 ) -> pd.DataFrame:
     """Return the counts of DoG by threshold, on two or more subsets.
 
-    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7).
+    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7). ``rule`` is as in
+    `from_thresholds`; the table is that of `mark_chosen`.
+    """
+    methods = from_thresholds(tried_thresholds(scale), rule)
+    return mark_chosen(run(subsets, methods, background))
+
+
+def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of `run` of `from_thresholds` with the chosen thresholds.
 
     Returns
     -------
     DataFrame
-        The table of `run` with ``threshold`` (grey values) in place of ``method``. ``chosen``
-        marks a subset's threshold with the best F1 on the *other* subsets (section 5.1.3); ties
-        go to the highest, with the fewest false detections in frames without labels.
-        ``seconds`` are NaN, since one call serves all thresholds.
+        ``threshold`` (grey values) is in place of ``method``. ``chosen`` marks a subset's threshold
+        with the best F1 on the *other* subsets (section 5.1.3); ties go to the highest, with the
+        fewest false detections in frames without labels. ``seconds`` are NaN, since one call
+        serves all thresholds.
     """
-    methods = from_thresholds(tried_thresholds(scale))
-    table = run(subsets, methods, background).rename(columns={"method": "threshold"})
-    best = {}
+    table, best = table.rename(columns={"method": "threshold"}), {}
     for subset in table["subset"].unique():
         others = sum_counts(table[table["subset"] != subset], ["threshold"]).set_index("threshold")
         best[subset] = others["f1"][::-1].idxmax()
     return table.assign(seconds=np.nan, chosen=table["threshold"] == table["subset"].map(best))
+
+
+def compare_methods(
+    subsets: list[Subset], scale: str, rule: Combination | None = None
+) -> pd.DataFrame:
+    """Return `run` of the eleven methods of Table 5.11, with SIFT's thresholds chosen anew.
+
+    ``rule`` is as in `from_thresholds`.
+    """
+    rule, parts = rule or Combination(), []
+    sift: Any = rule.detector
+    threshold = chosen_thresholds(compare_thresholds(subsets, scale, rule=rule))
+    for subset in subsets:
+        own = replace(rule, detector=replace(sift, threshold=float(threshold[subset.name])))
+        methods = table_5_11_methods(own, subset.recording.attributes.roi)
+        parts.append(run([subset], methods))
+    return pd.concat(parts, ignore_index=True)
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:
