@@ -26,6 +26,7 @@ chapters = {
     "bg": "Background models",
     "sift": "SIFT",
     "cluster": "Clusters in point clouds",
+    "depth": "Particles with a depth",
     "combi": "Combined detection",
     "wall": "Particles in the air or on the wall",
     "track": "Tracking",

@@ -27,6 +27,7 @@ from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, paths, style
+from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.geometry import Geometry
@@ -70,6 +71,48 @@ caption = (
 )
 shares = shares.reset_index()
 figures.save("table-5-3-ground-truth", shares, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## How many unlit particles have a depth
+#
+# Table 5.13 counts particles in the air with 3D inside the region of interest. Less the burning
+# ones, nearly all of which have 3D, those that do not burn are left. The shares of the subsets
+# follow. The simulation was fitted to the share in all subsets (Table 5.2), not to these.
+
+# %%
+of_class, in_roi, flying = (claims.published(f"table_5.{n}") for n in (2, 3, 13))
+flying = flying.set_index("subset")[["TP", "FN"]].sum(axis=1)[names]
+burning_with_depth = of_class["with_3d_info"][0] / of_class["amount"][0] * in_roi.loc[0, names]
+printed = ((flying - burning_with_depth) / in_roi.loc[1, names]).astype(float)
+unlit = labelled.query("label == 3 and in_roi")
+generator, rows = np.random.default_rng(seed), []
+for name in names:
+    found = unlit[unlit["subset"] == name].groupby("particle")["has_depth"].agg(["sum", "size"])
+    picked = generator.integers(len(found), size=(DRAWS, len(found)))
+    drawn = found.to_numpy()[picked].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    share = found["sum"].sum() / found["size"].sum()
+    rows.append({"subset": name, "particles": len(found), "share": share, "low": low, "high": high})
+table = pd.DataFrame(rows).assign(share_published=printed[names].to_numpy())
+caption = (
+    "Share of the sightings of non-burning particles in the air that have a depth, inside the "
+    "region of interest, with 95 % intervals over draws of particles, and as it follows from "
+    "Tables 5.2, 5.3 and 5.13."
+)
+figures.save("unlit-depth", table, caption=caption, provenance=origin)
+
+
+# %%
+def agrees(row, bound=0.05):
+    """Return whether a share is within a bound of print; None if only its interval meets it."""
+    least, most = row.share_published - bound, row.share_published + bound
+    if least <= row.share <= most:
+        return True
+    return False if row.high < least or row.low > most else None
+
+
+answers = [agrees(row) for row in table.itertuples()]
+of_depth = claims.check("depth-6", claims.all_of(*answers), table.set_index("subset")["share"])
 
 # %% [markdown]
 # ## An annotated frame (Fig. 5.1)
@@ -181,4 +224,4 @@ result = (
     f"The simulated frames hold {len(labelled)} labelled particles in {frames * len(twins)} "
     f"frames; the wall's temperature profile is recovered within {off:.0f} K."
 )
-figures.conclude(result, [], origin)
+figures.conclude(result, [of_depth], origin)
