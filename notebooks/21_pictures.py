@@ -152,7 +152,7 @@ def judge(both):
 def both_with(rule, subsets=subsets):
     """Return the attempts of Otsu and SIFT with the rules of a combination."""
     of_otsu = detection.from_foreground(Otsu(), rule.largest_px)
-    tried = detection.compare_thresholds(subsets, scale, rule=rule)
+    tried = detection.compare_thresholds(subsets, scale, rule)
     of_sift = tried[tried["chosen"]].assign(method="SIFT")
     return pd.concat([detection.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True)
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from kilnflight import background, kiln
@@ -104,3 +105,20 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
     assert found[1e-3][["2D-OTSU", "2D-SIFT"]].tolist() == [0, 0]
     clouds = [name for name in printed if name.startswith("3D")]
     assert found[1e-3][clouds].tolist() == found[90.0][clouds].tolist()
+
+
+def test_readings_share_clusters_but_not_keypoints(subset):
+    """Each reading gives what it gives alone; the absolute one sees dark particles, too."""
+    pair = [subset._replace(frames=(75,)), subset._replace(name="V5", frames=(76,))]
+    absolute = background.Median(window=20, absolute=True)
+    readings = {"ours": detection.Reading(), "D2": detection.Reading(background=absolute)}
+    both = detection.compare_methods(pair, "quick", readings)
+    counts = ["subset", "method", "tp", "fp", "fn"]
+    for name, reading in readings.items():
+        alone = detection.compare_methods(pair, "quick", {name: reading})
+        found = both[both["reading"] == name].reset_index(drop=True)
+        pd.testing.assert_frame_equal(found[counts], alone[counts])
+    tables = [part.set_index(["subset", "method"]) for _, part in both.groupby("reading")]
+    same = (tables[0][["tp", "fp"]] == tables[1][["tp", "fp"]]).all(axis=1)
+    assert same[[method.startswith("3D") for _, method in same.index]].all()
+    assert not same.all()

@@ -81,6 +81,13 @@ MAKERS: dict[str, Callable[[Any], Clusterer]] = {
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
 
 
+class Reading(NamedTuple):
+    """What the thesis leaves open between foreground and detection."""
+
+    rule: Combination = Combination()  # of SIFT
+    background: BackgroundModel | None = None  # None: that of each subset
+
+
 class Subset(NamedTuple):
     """A recording, and the marked particles in its labelled frames (section 5.1.1).
 
@@ -243,11 +250,12 @@ def from_cloud(clusterer: Callable[[npt.NDArray[np.float64]], Any]) -> Method:
     return lambda view: centers(sort_clusters(view.pixels, view.xyz, clusterer(view.xyz)))
 
 
-def table_5_11_methods(rule: Combination, roi: Polygon | None) -> dict[str, Method]:
+def table_5_11_methods(
+    rule: Combination, roi: Polygon | None, known: dict[Any, Any] | None = None
+) -> dict[str, Method]:
     """Return the eleven detection methods of Table 5.11 by their printed names.
 
-    Two combinations with the same clusterer share its clusters, so ``seconds`` of `run` include
-    the clustering for the first one only.
+    Methods share keypoints and clusters, so their times mean nothing.
 
     Parameters
     ----------
@@ -255,33 +263,37 @@ def table_5_11_methods(rule: Combination, roi: Polygon | None) -> dict[str, Meth
         Combination of SIFT; the others have the same rules.
     roi
         Region of interest of the combinations: corners (row, col); None: the whole frame.
+    known
+        Clusters that are found are kept here, for other rules on the same recording.
     """
+    kept: dict[Any, Any] = {} if known is None else known
 
-    def combined(
-        detector: Detector2D, labels: Callable[[View], Any], view: View
-    ) -> npt.NDArray[np.float64]:
-        each = replace(rule, detector=detector)
-        found = each.decide(view, detector(view.foreground), labels(view), roi)
+    def labels(clustering: Clusterer, view: View) -> npt.NDArray[np.intp]:
+        key = repr(clustering), view.number, len(view.xyz)
+        if key not in kept:
+            kept[key] = clustering(view.xyz)
+        return kept[key]
+
+    def alone(clusterer: Clusterer, view: View) -> npt.NDArray[np.float64]:
+        return centers(sort_clusters(view.pixels, view.xyz, labels(clusterer, view)))
+
+    def combined(keypoints: Method, clustering: Clusterer, view: View) -> npt.NDArray[np.float64]:
+        found = rule.decide(view, keypoints(view), labels(clustering, view), roi)
         return found[["row", "col"]].to_numpy()
 
     detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": rule.detector}
-    methods = {
-        f"2D-{name}": from_foreground(detector, rule.largest_px)
-        for name, detector in detectors.items()
+    keypoints = {
+        name: remembered(from_foreground(each, rule.largest_px)) for name, each in detectors.items()
     }
-    methods["3D-DBSCAN Clustering"] = from_cloud(DBSCAN(eps=50.0, min_points=10))
-    methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
-    methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
-    for cloud, passes in PASSES.items():
-        labels = remembered(partial(_passed, passes))
-        for name, detector in detectors.items():
-            methods[f"Combi {name}+{cloud}"] = partial(combined, detector, labels)
+    methods: dict[str, Method] = {f"2D-{name}": each for name, each in keypoints.items()}
+    methods["3D-DBSCAN Clustering"] = partial(alone, DBSCAN(eps=50.0, min_points=10))
+    methods["3D-MO-based Clustering"] = partial(alone, MorphologicalClustering(150))
+    methods["3D-QCC Clustering"] = partial(alone, QuasiClusterCenters(30, 0.1))
+    for cloud, (wall, clusterer) in PASSES.items():
+        both = partial(second_pass, wall=wall, clusterer=clusterer)
+        for name, each in keypoints.items():
+            methods[f"Combi {name}+{cloud}"] = partial(combined, each, both)
     return methods
-
-
-def _passed(passes: tuple[Clusterer, Clusterer], view: View) -> npt.NDArray[np.intp]:
-    """Return the cluster (n,) of each point after both passes; -1: none, or the wall."""
-    return second_pass(view.xyz, *passes)
 
 
 def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -311,10 +323,7 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
 
 
 def compare_thresholds(
-    subsets: list[Subset],
-    scale: str,
-    background: BackgroundModel | None = None,
-    rule: Combination | None = None,
+    subsets: list[Subset], scale: str, rule: Combination | None = None
 ) -> pd.DataFrame:
     """Return the counts of DoG by threshold, on two or more subsets.
 
@@ -322,7 +331,7 @@ def compare_thresholds(
     `from_thresholds`; the table is that of `mark_chosen`.
     """
     methods = from_thresholds(tried_thresholds(scale), rule)
-    return mark_chosen(run(subsets, methods, background))
+    return mark_chosen(run(subsets, methods))
 
 
 def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
@@ -344,19 +353,26 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def compare_methods(
-    subsets: list[Subset], scale: str, rule: Combination | None = None
+    subsets: list[Subset], scale: str, readings: Mapping[str, Reading]
 ) -> pd.DataFrame:
-    """Return `run` of the eleven methods of Table 5.11, with SIFT's thresholds chosen anew.
+    """Return `run` of the eleven methods of Table 5.11 with each of several readings.
 
-    ``rule`` is as in `from_thresholds`.
+    The name of the ``reading`` is a column. SIFT's thresholds are chosen anew in each; clusters
+    depend on none.
     """
-    rule, parts = rule or Combination(), []
-    sift: Any = rule.detector
-    threshold = chosen_thresholds(compare_thresholds(subsets, scale, rule=rule))
-    for subset in subsets:
-        own = replace(rule, detector=replace(sift, threshold=float(threshold[subset.name])))
-        methods = table_5_11_methods(own, subset.recording.attributes.roi)
-        parts.append(run([subset], methods))
+    parts = []
+    known: dict[str, dict[Any, Any]] = {subset.name: {} for subset in subsets}
+    for name, (rule, background) in readings.items():
+        sift: Any = rule.detector
+        seen = subsets
+        if background is not None:
+            seen = [each._replace(background=background, cache={}) for each in subsets]
+        threshold = chosen_thresholds(compare_thresholds(seen, scale, rule))
+        for subset in seen:
+            own = replace(rule, detector=replace(sift, threshold=float(threshold[subset.name])))
+            roi = subset.recording.attributes.roi
+            methods = table_5_11_methods(own, roi, known[subset.name])
+            parts.append(run([subset], methods).assign(reading=name))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -70,7 +70,7 @@ def edge_table(subsets: list[Subset], scale: str, edges: Iterable[float]) -> pd.
     """
     parts = []
     for edge in edges:
-        tried = compare_thresholds(subsets, scale, rule=Combination(DoG(edge=edge)))
+        tried = compare_thresholds(subsets, scale, Combination(DoG(edge=edge)))
         parts.append(tried[tried["chosen"]].assign(edge=edge))
     table = with_total(pd.concat(parts, ignore_index=True), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
