@@ -50,14 +50,23 @@ images = frames * len(subsets)
 # %%
 any_size = 10_000.0  # px, wider than a frame
 absolute = replace(detection.BACKGROUNDS[scale], absolute=True)
+darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
 readings = {
-    "ours": detection.Reading(),
-    "D1": detection.Reading(Combination(DoG(edge=10.0))),
-    "D2": detection.Reading(background=absolute),
-    "D4": detection.Reading(Combination(rectangular=False)),
-    "D5": detection.Reading(Combination(largest_px=any_size)),
+    "ours": (subsets, Combination()),
+    "D1": (subsets, Combination(DoG(edge=10.0))),
+    "D2": (darker, Combination()),
+    "D4": (subsets, Combination(rectangular=False)),
+    "D5": (subsets, Combination(largest_px=any_size)),
 }
-every = detection.compare_methods(subsets, scale, readings)
+parts, known = [], {subset.name: {} for subset in subsets}  # clusters, which all readings share
+for reading, (seen, rule) in readings.items():
+    threshold = detection.chosen_thresholds(detection.compare_thresholds(seen, scale, rule))
+    for subset in seen:
+        sift = replace(rule.detector, threshold=float(threshold[subset.name]))
+        own, roi = replace(rule, detector=sift), subset.recording.attributes.roi
+        methods = detection.table_5_11_methods(own, roi, known[subset.name])
+        parts.append(detection.run([subset], methods).assign(reading=reading))
+every = pd.concat(parts, ignore_index=True)
 attempts = every[every["reading"] == "ours"]
 
 # %% [markdown]

@@ -107,18 +107,13 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
     assert found[1e-3][clouds].tolist() == found[90.0][clouds].tolist()
 
 
-def test_readings_share_clusters_but_not_keypoints(subset):
-    """Each reading gives what it gives alone; the absolute one sees dark particles, too."""
-    pair = [subset._replace(frames=(75,)), subset._replace(name="V5", frames=(76,))]
-    absolute = background.Median(window=20, absolute=True)
-    readings = {"ours": detection.Reading(), "D2": detection.Reading(background=absolute)}
-    both = detection.compare_methods(pair, "quick", readings)
-    counts = ["subset", "method", "tp", "fp", "fn"]
-    for name, reading in readings.items():
-        alone = detection.compare_methods(pair, "quick", {name: reading})
-        found = both[both["reading"] == name].reset_index(drop=True)
-        pd.testing.assert_frame_equal(found[counts], alone[counts])
-    tables = [part.set_index(["subset", "method"]) for _, part in both.groupby("reading")]
-    same = (tables[0][["tp", "fp"]] == tables[1][["tp", "fp"]]).all(axis=1)
-    assert same[[method.startswith("3D") for _, method in same.index]].all()
-    assert not same.all()
+def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
+    """Each rule gives what it gives alone; clusters are found once."""
+    few, known = subset._replace(frames=(75,)), {}
+    counts = ["method", "tp", "fp", "fn"]
+    for threshold in (200.0, 5000.0):
+        rule = Combination(DoG(threshold))
+        shared = detection.run([few], detection.table_5_11_methods(rule, None, known))
+        alone = detection.run([few], detection.table_5_11_methods(rule, None))
+        pd.testing.assert_frame_equal(shared[counts], alone[counts])
+        assert len(known) == 6 * 2  # also of the untimed first calls

@@ -17,13 +17,12 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import camera, kiln
-from kilnflight.background import BackgroundModel, Median, TwoFrame
+from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
     DBSCAN,
     Clusterer,
     Detector2D,
-    DoG,
     MorphologicalClustering,
     Otsu,
     QuasiClusterCenters,
@@ -37,10 +36,8 @@ from kilnflight.detection.combination import (
     second_pass,
     sort_clusters,
 )
-from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.detection.sift import Polygon
 from kilnflight.detection.wall import Cylinder, distance_to_axis
-from kilnflight.project import claims
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, particle_centroids
@@ -51,7 +48,6 @@ COUNTS = ("tp", "fp", "fn")
 WARM_UP_POINTS = 2000  # points of the untimed first call
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
-UNUSED = TwoFrame()  # background where clouds alone are clustered: it needs the fewest frames
 # Subsets by scale; the text of section 5.1.3 speaks most of V1 and V4.
 SUBSETS: dict[str, tuple[str, ...]] = {
     "quick": ("V4", "V5"),
@@ -71,21 +67,7 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
 }
-# Families of clusterers: the thesis's table that lists their settings, and a clusterer by its row.
-TABLES = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
-MAKERS: dict[str, Callable[[Any], Clusterer]] = {
-    "dbscan": lambda row: DBSCAN(row.epsilon_mm, row.minPts),
-    "mo": lambda row: MorphologicalClustering(row.R),
-    "qcc": lambda row: QuasiClusterCenters(row.K, row.alpha),
-}
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
-
-
-class Reading(NamedTuple):
-    """What the thesis leaves open between foreground and detection."""
-
-    rule: Combination = Combination()  # of SIFT
-    background: BackgroundModel | None = None  # None: that of each subset
 
 
 class Subset(NamedTuple):
@@ -245,11 +227,6 @@ def from_thresholds(
     return {threshold: partial(above, float(threshold)) for threshold in ascending}
 
 
-def from_cloud(clusterer: Callable[[npt.NDArray[np.float64]], Any]) -> Method:
-    """Return a clusterer as a method: the mean pixel of each cluster (3.1)."""
-    return lambda view: centers(sort_clusters(view.pixels, view.xyz, clusterer(view.xyz)))
-
-
 def table_5_11_methods(
     rule: Combination, roi: Polygon | None, known: dict[Any, Any] | None = None
 ) -> dict[str, Method]:
@@ -352,30 +329,6 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(seconds=np.nan, chosen=table["threshold"] == table["subset"].map(best))
 
 
-def compare_methods(
-    subsets: list[Subset], scale: str, readings: Mapping[str, Reading]
-) -> pd.DataFrame:
-    """Return `run` of the eleven methods of Table 5.11 with each of several readings.
-
-    The name of the ``reading`` is a column. SIFT's thresholds are chosen anew in each; clusters
-    depend on none.
-    """
-    parts = []
-    known: dict[str, dict[Any, Any]] = {subset.name: {} for subset in subsets}
-    for name, (rule, background) in readings.items():
-        sift: Any = rule.detector
-        seen = subsets
-        if background is not None:
-            seen = [each._replace(background=background, cache={}) for each in subsets]
-        threshold = chosen_thresholds(compare_thresholds(seen, scale, rule))
-        for subset in seen:
-            own = replace(rule, detector=replace(sift, threshold=float(threshold[subset.name])))
-            roi = subset.recording.attributes.roi
-            methods = table_5_11_methods(own, roi, known[subset.name])
-            parts.append(run([subset], methods).assign(reading=name))
-    return pd.concat(parts, ignore_index=True)
-
-
 def tried_thresholds(scale: str) -> tuple[int, ...]:
     """Return the DoG thresholds (grey values) that a scale tries.
 
@@ -414,44 +367,6 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         f1_in_pixels=inside["f1"].to_numpy(),
     )
     return pd.concat([counts, shares], axis=1)
-
-
-def time_thresholds(subsets: list[Subset], scale: str) -> pd.DataFrame:
-    """Time DoG at each threshold by itself, on every fifth labelled frame (Table 5.7).
-
-    Thresholds are those of the scale ("quick", "standard", "full") and of Table 5.7. Rows are a
-    frame and a ``threshold`` (grey values), with the counts and ``seconds`` of `run`.
-    """
-    thresholds = {*tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
-    methods = {threshold: from_foreground(DoG(float(threshold))) for threshold in thresholds}
-    few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
-    return run(few, methods).rename(columns={"method": "threshold"})
-
-
-def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
-    """Return `run` of DBSCAN, MO and QCC with all settings of Tables 5.8 to 5.10.
-
-    ``family`` is a key of `TABLES`, ``row`` the row of that table. Neighbours are searched once per
-    cloud for all settings of QCC, with the largest K. The ``seconds`` of each setting include that
-    search.
-    """
-    most = int(claims.published(TABLES["qcc"])["K"].max())
-    search = remembered(lambda cloud: nearest_neighbors(cloud, most))
-    # It detects nothing: a method for its time.
-    methods: dict[Any, Method] = {("search", 0): lambda view: search(view.xyz)[:0, :2]}
-    for family, make in MAKERS.items():
-        for row in claims.published(TABLES[family]).itertuples():
-            each: Any = make(row)
-            if family == "qcc":
-                each = partial(lambda qcc, cloud: qcc.spread(cloud, search(cloud)), each)
-            methods[family, row.Index] = from_cloud(each)
-    table = run(subsets, methods, UNUSED)
-    table[["family", "row"]] = table["method"].to_list()
-    keys, searched = ["subset", "frame"], table["family"] == "search"
-    spent = table[searched].set_index(keys)["seconds"].rename("search")
-    table = table[~searched].join(spent, on=keys)
-    table["seconds"] += table.pop("search").where(table["family"] == "qcc", 0.0)
-    return table.reset_index(drop=True)
 
 
 def positions(

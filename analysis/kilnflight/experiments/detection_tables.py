@@ -19,7 +19,6 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, fit_cylinder
 from kilnflight.experiments.detection import (
     COUNTS,
-    TABLES,
     Subset,
     compare_thresholds,
     sum_counts,
@@ -30,8 +29,6 @@ from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import truth
 from kilnflight.twin.geometry import Geometry
 
-# Parameters in the tables of clusterers
-PARAMETERS = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}
 RATES = ["precision", "recall", "f1"]
 
 
@@ -100,28 +97,6 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         recall = counts["tp"] / (counts["tp"] + counts["fn"])  # NaN where none is marked
         parts.append(counts.assign(recall=recall, kind=kind).reset_index())
     return pd.concat(parts, ignore_index=True)
-
-
-def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Return the rates of a clusterer's settings, as Table 5.8, 5.9 or 5.10 has them.
-
-    Parameters
-    ----------
-    attempts
-        From `detection.compare_clusterers`.
-    family
-        "dbscan", "mo" or "qcc".
-
-    Returns
-    -------
-    DataFrame
-        The settings (`PARAMETERS`), the columns of `with_total`, and ``..._published`` rates in
-        the rows "Total".
-    """
-    table = with_total(attempts[attempts["family"] == family], ["row", "subset"])
-    settings = claims.published(TABLES[family]).loc[table.pop("row")].reset_index(drop=True)
-    printed = settings[RATES].where(table["subset"] == "Total").add_suffix("_published")
-    return pd.concat([settings[PARAMETERS[family]], table, printed], axis=1)
 
 
 def classification_table(
