@@ -97,7 +97,7 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
     printed = claims.published("table_5.11")["method"].tolist()
     found = {}
     for largest in (90.0, 1e-3):
-        methods = detection.table_5_11_methods(Combination(DoG(500.0), largest_px=largest), roi)
+        methods = detection.table_5_11_methods(Combination(DoG(500.0), largest_px=largest), roi, {})
         assert list(methods) == printed
         table = detection.run([few], methods).set_index("method")
         found[largest] = table["tp"] + table["fp"]
@@ -114,6 +114,6 @@ def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
     for threshold in (200.0, 5000.0):
         rule = Combination(DoG(threshold))
         shared = detection.run([few], detection.table_5_11_methods(rule, None, known))
-        alone = detection.run([few], detection.table_5_11_methods(rule, None))
+        alone = detection.run([few], detection.table_5_11_methods(rule, None, {}))
         pd.testing.assert_frame_equal(shared[counts], alone[counts])
         assert len(known) == 6 * 2  # also of the untimed first calls

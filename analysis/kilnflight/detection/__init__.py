@@ -40,5 +40,5 @@ from kilnflight.detection.sift import Polygon as Polygon
 
 Detector2D = Callable[..., Array]  # (foreground, within: Polygon | None = None)
 Clusterer = Callable[[npt.ArrayLike], Index]
-DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG(threshold=500.0))
+DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG())
 CLUSTERERS: tuple[Clusterer, ...] = (DBSCAN(), MorphologicalClustering(), QuasiClusterCenters())

@@ -104,11 +104,11 @@ def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index
     ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1. False: its
     pixels, which do not fill it.
     """
-    number = len(clusters.start) - 1
+    owner = np.arange(len(clusters.start) - 1)
     if rectangular:
-        return rectangles(clusters), np.arange(number)
+        return rectangles(clusters), owner
     single = clusters.pixels[:, [0, 0, 1, 1]] + np.array([0, 1, 0, 1])
-    return single, np.repeat(np.arange(number), np.diff(clusters.start))
+    return single, np.repeat(owner, np.diff(clusters.start))
 
 
 def potential_particles(
@@ -132,8 +132,7 @@ def potential_particles(
     if not spots + groups:
         return
     areas, owner = areas_of(clusters, rectangular)
-    touching = _touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX)
-    spot, area = np.nonzero(touching)
+    spot, area = np.nonzero(_touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX))
     links = coo_array((np.ones(len(spot)), (spot, spots + owner[area])), 2 * (spots + groups,))
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first

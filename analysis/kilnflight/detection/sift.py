@@ -151,8 +151,7 @@ class DoG:
         if self.enlarge > 1 and image.size:
             n, shift = self.enlarge, (self.enlarge - 1) / 2
             around = within and tuple((n * row + shift, n * col + shift) for row, col in within)
-            blur = min(n * self.camera_blur, SIGMA_PX)
-            plain = replace(self, camera_blur=blur, enlarge=1)
+            plain = replace(self, camera_blur=min(n * self.camera_blur, SIGMA_PX), enlarge=1)
             return (plain.graded(enlarged(image, n), around) - [shift, shift, 0, 0]) / [n, n, n, 1]
         octaves, spacing = [np.empty((0, 4))], 1.0
         if image.size:
@@ -174,8 +173,8 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
         boxes = _boxes(live, image.shape)
-        least, edge = float(self.threshold), float(self.edge)
-        points = np.asarray(_search(image, boxes, _KERNELS, least, edge))
+        levels = float(self.threshold), float(self.edge)
+        points = np.asarray(_search(image, boxes, _KERNELS, *levels))
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]

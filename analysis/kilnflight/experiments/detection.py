@@ -6,7 +6,7 @@ labelled frames -> views x methods (section 5.1.3) -> one row per frame and meth
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -67,6 +67,7 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
 }
+OURS = Combination()
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
 
 
@@ -206,29 +207,26 @@ def from_foreground(detector: Detector2D, largest_px: float = LARGEST_PX) -> Met
     return lambda view: no_larger(detector(view.foreground), largest_px)
 
 
-def from_thresholds(
-    thresholds: Iterable[float], rule: Combination | None = None
-) -> dict[float, Method]:
+def from_thresholds(thresholds: Sequence[float], rule: Combination = OURS) -> dict[float, Method]:
     """Return DoG as a method by threshold in grey values, with one call for all.
 
     DoG runs with the smallest threshold and grades its keypoints. For a larger threshold, those
     of a lower grade are dropped. The methods share that call, so their times mean nothing. Edge
-    and largest keypoint are those of ``rule``; None: the default.
+    and largest keypoint are those of ``rule``.
     """
-    rule, ascending = rule or Combination(), sorted(thresholds)
     sift: Any = rule.detector
-    lowest = replace(sift, threshold=float(ascending[0]))
+    lowest = replace(sift, threshold=float(min(thresholds)))
     graded = remembered(lambda view: no_larger(lowest.graded(view.foreground), rule.largest_px))
 
     def above(threshold: float, view: View) -> npt.NDArray[np.float64]:
         particles = graded(view)
         return particles[particles[:, 3] >= threshold, :3]
 
-    return {threshold: partial(above, float(threshold)) for threshold in ascending}
+    return {threshold: partial(above, float(threshold)) for threshold in thresholds}
 
 
 def table_5_11_methods(
-    rule: Combination, roi: Polygon | None, known: dict[Any, Any] | None = None
+    rule: Combination, roi: Polygon | None, known: dict[Any, Any]
 ) -> dict[str, Method]:
     """Return the eleven detection methods of Table 5.11 by their printed names.
 
@@ -243,13 +241,12 @@ def table_5_11_methods(
     known
         Clusters that are found are kept here, for other rules on the same recording.
     """
-    kept: dict[Any, Any] = {} if known is None else known
 
     def labels(clustering: Clusterer, view: View) -> npt.NDArray[np.intp]:
         key = repr(clustering), view.number, len(view.xyz)
-        if key not in kept:
-            kept[key] = clustering(view.xyz)
-        return kept[key]
+        if key not in known:
+            known[key] = clustering(view.xyz)
+        return known[key]
 
     def alone(clusterer: Clusterer, view: View) -> npt.NDArray[np.float64]:
         return centers(sort_clusters(view.pixels, view.xyz, labels(clusterer, view)))
@@ -299,9 +296,7 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 
 
-def compare_thresholds(
-    subsets: list[Subset], scale: str, rule: Combination | None = None
-) -> pd.DataFrame:
+def compare_thresholds(subsets: list[Subset], scale: str, rule: Combination = OURS) -> pd.DataFrame:
     """Return the counts of DoG by threshold, on two or more subsets.
 
     The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7). ``rule`` is as in
@@ -312,7 +307,7 @@ def compare_thresholds(
 
 
 def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of `run` of `from_thresholds` with the chosen thresholds.
+    """Return the table of `run` of ascending thresholds with the chosen ones.
 
     Returns
     -------

@@ -69,7 +69,7 @@ def edge_table(subsets: list[Subset], scale: str, edges: Iterable[float]) -> pd.
     for edge in edges:
         tried = compare_thresholds(subsets, scale, Combination(DoG(edge=edge)))
         parts.append(tried[tried["chosen"]].assign(edge=edge))
-    table = with_total(pd.concat(parts, ignore_index=True), ["edge", "threshold", "subset"])
+    table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
     printed = claims.published("table_5.6").set_index("test_set")["FP"]
     printed["Total"] = printed.drop("Total").sum()  # the cells of this row are shifted in print
