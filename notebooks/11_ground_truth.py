@@ -37,7 +37,7 @@ frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("11_ground_truth", setting, seed=seed, inputs=tables)
-names = detection.SUBSETS[scale]
+names = list(detection.SUBSETS[scale])
 twins = {name: scenes.cached_scene(name, seed) for name in names}
 
 # %% [markdown]
