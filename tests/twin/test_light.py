@@ -41,8 +41,8 @@ def painted(fraction, burning, count=40, time_s=0.0):
 
 
 @pytest.mark.parametrize("fraction", ["confetti", "paper shred"])
-def test_the_core_of_a_flame_is_overexposed(fraction):
-    assert (painted(fraction, burning=True) >= FULL_SCALE).mean() > 0.7
+def test_the_core_of_most_flames_is_overexposed(fraction):
+    assert (painted(fraction, burning=True) >= FULL_SCALE).mean() > 0.5
 
 
 @pytest.mark.parametrize("fraction", ["wood chip", "PE granule"])

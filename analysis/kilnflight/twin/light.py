@@ -25,8 +25,8 @@ SINES = 3  # of a flutter
 class Optics:
     """The way from light to grey values.
 
-    ``paper`` to ``gas_mm`` are fitted by `kilnflight.experiments.light_fit` to Otsu's row and
-    recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on`` in an
+    ``paper`` to ``flame_softness`` are fitted by `kilnflight.experiments.light_fit` to Otsu's row
+    and recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on`` in an
     earlier fit; all else are assumptions.
     """
 
@@ -34,11 +34,12 @@ class Optics:
     exposure_s: float = SHUTTER_S  # 6 ms for PE granules (sec. 5.2.3)
     read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
     shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
-    paper: float = 1.4  # median level of unlit paper over the wall's
-    paper_spread: float = 0.5  # of its logarithm
-    flame: float = 2.0  # of a thick flame over full scale
-    thick_mm: float = 4.0  # diameter of a flame by which light falls to 1/e
-    gas_mm: float = 3.5  # radius of the burning gas around a particle
+    paper: float = 1.35  # median level of unlit paper over the wall's
+    paper_spread: float = 0.53  # of its logarithm
+    flame: float = 2.1  # of a thick flame over full scale
+    thick_mm: float = 4.4  # diameter of a flame by which light falls to 1/e
+    gas_mm: float = 3.1  # radius of the burning gas around a particle
+    flame_softness: float = 0.53  # width of its edge over its radius
     # Median levels over the wall's. They are darker than the wall, "relatively dark" (sec. 5.2.4),
     # and lighter than the inlet plate before which they were marked by hand (Table 5.15).
     bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.6), ("PE granule", 0.7))
@@ -51,7 +52,6 @@ class Optics:
     tail_s: float = 1.0e-3  # how long soot glows behind its particle
     longest_tail_mm: float = 4.0
     curl: float = 0.25  # half axes of what burns over those of the particle
-    flame_softness: float = 0.5  # width of its edge over its radius
     edge_softness_px: float = 0.8  # blur of the processed image
 
     @property
