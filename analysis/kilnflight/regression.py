@@ -27,6 +27,8 @@ Timed = tuple[int, Array, Array]  # particle, times (n,) in s, places (n, 3) in 
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
 AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
+BETTER = np.array([-1.0, -1.0, 1.0, 1.0])  # sign of a gain: errors fall, R2 rises
+ROUNDING_MM = 1e-6  # an RMSE below it is rounding
 TRIPLES = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
 LONGEST_S = 1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
 GRID = 65  # values of t0 on the grid that is searched downhill
@@ -88,15 +90,16 @@ class Regression:
     Readings of section 4.3. (1) For a given t0 the best coefficients solve a linear problem, so t0
     is the only unknown left. (2) The range of t0 and its first guess are computed from three
     random points, `TRIPLES` times. The trust region of section 4.3 descends from its start. So t0
-    is the local minimum downhill of the guess, not the global one. (3) The axis whose RMSE (Eq.
-    4.30) falls most by one order more gets that order, until no RMSE falls by ``gain``. Section
-    4.3 does not say which of the four measures must improve; RMSE is ours. (4) An order k leaves
-    n - (k + 1) > 0 degrees of freedom for n points. (5) All axes have the same weight.
+    is the local minimum downhill of the guess, not the global one. (3) "The regression process is
+    stopped if the optimization of the measures is less than 1% for each order of enhancement": an
+    order more counts if each of the four measures improves by ``gain`` of its value. (4) An order
+    k leaves n - (k + 1) > 0 degrees of freedom for n points. (5) All axes have the same weight.
     """
 
     lowest: int = 2  # order, section 4.3
     highest: int = 6  # order, section 4.3
     gain: float = 0.01  # relative, section 4.3
+    measures: tuple[str, ...] = AXIS_MEASURES  # those that must all improve, section 4.3
 
     def __post_init__(self) -> None:
         for name, least in ("lowest", 1), ("highest", self.lowest):
@@ -104,6 +107,8 @@ class Regression:
             # 9: higher ones are not separated from rounding
             check_number(order, where, least=least, most=9, whole=True)
         check_number(self.gain, "Regression: gain", least=0, most=1)
+        if not self.measures or set(self.measures) - set(AXIS_MEASURES):
+            raise InputError(f"Regression: measures: name some of {', '.join(AXIS_MEASURES)}.")
 
     @property
     def fewest(self) -> int:
@@ -137,47 +142,57 @@ class Regression:
         unit, moved = (time - time[0]) / duration, (places - exit_point).T
         limits, first = range_of_start(unit, moved, LONGEST_S / duration)
         solve = cache(trajectory_solver(unit, moved, highest, limits, first))
-        orders = self.choose(solve, highest)
-        start = solve(orders)[0]
+
+        def measure(orders: Orders) -> Array:
+            """Return the measures (3, 4) of the polynomials of these orders."""
+            fitted = (solve(orders)[1].T + exit_point).T
+            return np.array(list(map(fit_measures, places.T, fitted, orders)))
+
+        orders = self.choose(measure, highest)
+        start, quality = solve(orders)[0], measure(orders).T
         since = (unit - start) / (1.0 - start)  # so that the powers stay within 0 and 1
-        factors, quality = [], []
+        factors = []
         for axis, order in enumerate(orders):
             powers = np.arange(1, order + 1)
             basis = since[:, None] ** powers
             solved = np.linalg.lstsq(basis, moved[axis])[0]
             factors.append(tuple((solved / ((1.0 - start) * duration) ** powers).tolist()))
-            quality.append(fit_measures(places[:, axis], exit_point[axis] + basis @ solved, order))
         t0, *range_s = (time[0] + np.array([start, *limits]) * duration).tolist()
         early, late = np.isclose(start, limits, rtol=0, atol=1e-9 * np.ptp(limits)).astype(int)
         fields = tuple(exit_point.tolist()), t0, int(late - early), tuple(range_s), orders
         span = [*time[[0, -1]].tolist(), len(time)]
-        return Fit(*fields, tuple(factors), *span, *map(tuple, np.transpose(quality).tolist()))
+        return Fit(*fields, tuple(factors), *span, *map(tuple, quality.tolist()))
 
-    def choose(self, solve: Callable[[Orders], tuple[float, Array]], highest: int) -> Orders:
+    def choose(self, measure: Callable[[Orders], Array], highest: int) -> Orders:
         """Return the orders (3,) of the polynomials in x, y, z (section 4.3).
 
-        All axes start at the lowest order. In each round the axis whose RMSE (Eq. 4.30) falls most
-        by one order more gets that order. It ends when no RMSE falls by the share ``gain`` (1 %).
+        All axes start at the lowest order. The gain of an axis by one order more is the smallest
+        relative improvement among ``measures``. In each round the axis that gains most gets that
+        order. It ends when no axis gains the share ``gain`` (1 %).
 
         Parameters
         ----------
-        solve
-            Function from orders (3,) to the best t0, in durations of the track after the first
-            detection, and the RMSE (3,) in mm. Of `trajectory_solver`; cached, as orders recur.
+        measure
+            Function from orders (3,) to RMSE, MAPE, R2 and adjusted R2 of each axis, (3, 4).
         highest
             Highest order allowed.
         """
+        judged = [AXIS_MEASURES.index(name) for name in self.measures]
         orders: Orders = (self.lowest,) * 3
         while True:
-            rmse, gains = solve(orders)[1], {}
+            before = measure(orders)
+            gains = {}
             for axis in range(3):
-                if orders[axis] < highest and rmse[axis] >= 1e-6:  # mm; less is rounding
-                    higher = (*orders[:axis], orders[axis] + 1, *orders[axis + 1 :])
-                    gains[higher] = 1 - solve(higher)[1][axis] / rmse[axis]
-            best = max(gains, key=lambda orders: gains[orders], default=orders)
-            if gains.get(best, -np.inf) < self.gain:
+                if orders[axis] == highest or before[axis, 0] < ROUNDING_MM:
+                    continue
+                higher = (*orders[:axis], orders[axis] + 1, *orders[axis + 1 :])
+                change = BETTER * (measure(higher)[axis] - before[axis])
+                share = change[judged] / np.abs(before[axis, judged])
+                if share.min() >= self.gain:  # False for NaN: R2 without motion
+                    gains[higher] = share.min()
+            if not gains:
                 return orders
-            orders = best
+            orders = max(gains, key=lambda each: gains[each])
 
 
 def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, float]:
@@ -226,7 +241,9 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
 def trajectory_solver(
     time: Array, moved: Array, highest: int, limits: Array, first: float
 ) -> Callable[[Orders], tuple[float, Array]]:
-    """Return a function from orders to the best t0 and the RMSE (3,) there (Eq. 4.30).
+    """Return a function from orders to the best t0 and the positions fitted there.
+
+    Positions (3, n) are in mm from the outlet; t0 is in durations of the track.
 
     A polynomial through the exit at t0 is t - t0 times a polynomial of one order less. One
     orthogonal basis of these serves all orders.
@@ -263,7 +280,7 @@ def trajectory_solver(
         return float((((moved - best) * best) @ (1.0 / (time - start))).sum())
 
     def solve(orders: Orders) -> tuple[float, Array]:
-        """Return t0 and the RMSE (3,) in mm.
+        """Return t0 and the fitted positions (3, n) in mm.
 
         t0 descends on the grid from its first guess; a root of the slope refines it.
         """
@@ -276,8 +293,7 @@ def trajectory_solver(
         other = float(grid[np.clip(side, 0, GRID - 1)])
         if slope(start, orders) * slope(other, orders) < 0:
             start = brentq(slope, start, other, (orders,), xtol=1e-14)
-        squares = ((moved - fitted(np.array([start]), orders)[:, 0]) ** 2).sum(axis=1)
-        return start, np.sqrt(squares / (len(time) - np.array(orders) - 1))
+        return start, fitted(np.array([start]), orders)[:, 0]
 
     return solve
 
