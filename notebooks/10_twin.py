@@ -61,7 +61,7 @@ counts
 # The laws of flight give these numbers for all particles, seen or not.
 
 # %%
-put_in = flights.put_in(LAWS, particles, seed).dropna(subset="printed")
+put_in = flights.put_in(tuple(LAWS), particles, seed).dropna(subset="printed")
 put_in = put_in[["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]]
 caption = (
     f"Printed numbers on flight and ignition beside what {particles} simulated flights of each run "

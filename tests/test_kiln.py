@@ -120,7 +120,7 @@ def test_another_threshold_scene_or_background_is_another_file(run):
 
 
 def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
-    other = replace(run, rules=flight.Rules(ignition=Ignition(above_background=True)))
+    other = replace(run, rules=flight.Rules(ignition=Ignition(above_background=False)))
     changed = {name for name in kiln.KILN_STEPS if run.table(name).path != other.table(name).path}
     assert changed == {"flights", "slices"}
 

@@ -11,8 +11,6 @@ import pytest
 import kilnflight
 from kilnflight import kiln, run
 from kilnflight.__main__ import main
-from kilnflight.flight import Rules
-from kilnflight.ignition import Ignition
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
 from kilnflight.run import preparation
@@ -130,9 +128,8 @@ def test_options_reach_the_run(stored, tmp_path):
     assert dict(rows)["kiln"].startswith(f"radius {ready.wall.radius_mm:.0f} mm")
 
 
-def test_ignition_may_be_read_above_the_background(stored, tmp_path):
+def test_ignition_is_read_above_the_background(stored, tmp_path):
     ready = preparation.prepare(stored, tmp_path, OPTIONS)[0]
-    ready = replace(ready, rules=Rules(ignition=Ignition(above_background=True)))
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))

@@ -1,11 +1,8 @@
-"""Ignition of a particle, by its grey values or by its trace in a picture.
+"""Ignition of a particle, by its grey values (section 5.3.2 of the thesis).
 
-Section 5.3.2 of the thesis judges confetti and shreds by the first, wood and PE by the second::
+grey values along a track -> above those behind -> best single step -> upwards? -> IgnitionResult
 
-    grey values along a track -> best single step -> a step, and upwards? -> IgnitionResult
-    differences along a track -> light or dark? -> light from a detection on? -> outcome
-
-The thesis prints no rule for either: `Ignition` and `lights_up` are our tests of its sentences.
+The thesis prints no rule: `Ignition` is our test of its sentence.
 """
 
 from __future__ import annotations
@@ -17,17 +14,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
-from scipy.ndimage import median_filter
 
-from kilnflight.arrays import Array, Flags
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.arrays import Array
+from kilnflight.checks import InputError, check_finite
 
-SEEN, BEFORE, NONE, TOO_FEW = "seen", "before seen", "none", "too few points"
+SEEN, NONE, TOO_FEW = "seen", "none", "too few points"
 SIGNIFICANCE = 0.01  # of a track without a step; not printed
 LEAST_POINTS = 3  # on each side: the median of three ignores one flash
 RISE = 2.0  # standard deviations of the scatter; not printed
 SHARE = 0.1  # of the level before the step; not printed
-TRACE_SHARE = 0.1  # of the background; ours: more than the "slight" rise near the wall (5.2.4)
 
 
 class IgnitionResult(NamedTuple):
@@ -36,14 +31,14 @@ class IgnitionResult(NamedTuple):
     Attributes
     ----------
     outcome
-        "seen": a step was found; "before seen": bright from the first detection on;
-        "none": no step; "too few points": even the clearest step could be chance.
+        "seen": a step was found; "none": no step; "too few points": even the clearest step could
+        be chance.
     time_s
         Midway between the last detection before the step and the first after it, on the clock
         of the input; NaN unless "seen".
     before, after
-        Grey levels (medians) on both sides of the best step, equal without a step. With
-        ``above_background`` they are measured from the background.
+        Grey levels (medians) on both sides of the best step, equal without a step. They are
+        measured from the background where it is known, unless ``above_background`` is False.
     scatter
         Of the grey values about these levels, as a standard deviation.
     p_value
@@ -60,7 +55,7 @@ class IgnitionResult(NamedTuple):
 
 @dataclass(frozen=True)
 class Ignition:
-    """Test for one step upwards in the grey values of a track.
+    """Test for one step upwards in the grey values of a track, above those behind it.
 
     "If the gray value increases abruptly, the particles can be assumed ignited" (section
     5.3.2). The best step leaves the least sum of absolute deviations from the medians on both
@@ -79,20 +74,13 @@ class Ignition:
     single flashes, and a factor on the grey values changes nothing. Ties, as between saturated
     values, count against the rise, which keeps the test valid. The test takes the values of a track
     as exchangeable but for the step; 2 excludes slow changes. No track of fewer than 12 detections
-    can be judged. The thesis tests confetti and shreds alone; wood and PE are judged by their
-    optical picture (Fig. 5.17), and a slight rise near the wall is expressly no ignition (5.2.4).
-    The grey value of a small particle contains much of the background. An unlit particle that
-    flies from a dark end plate to a hot wall also brightens abruptly, but stays darker than the
-    wall, hence 4. A particle that burns from its first detection on has no step: its outcome is
-    "before seen" if its first values reach ``bright``, else "none".
+    can be judged. The grey value of a small particle contains much of the background. An unlit
+    particle that flies from a dark end plate to a hot wall brightens abruptly, too. Hence the rise
+    above the background, and 4; a slight rise near the wall is expressly no ignition (5.2.4). A
+    particle that is light from its first detection on has no step: its grey value does not rise.
     """
 
-    bright: float | None = None  # grey value of what burns for sure, e.g. the full scale
-    above_background: bool = False  # step of the rise above it; section 5.3.2: of the grey value
-
-    def __post_init__(self) -> None:
-        if self.bright is not None:
-            check_number(self.bright, "Ignition: bright", least=0)
+    above_background: bool = True  # False: the rise of the grey value itself
 
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike | None = None
@@ -106,29 +94,25 @@ class Ignition:
         gray
             (n,) grey values, not below 0.
         background
-            (n,) grey values of the background at the same positions; None: not known.
+            (n,) grey values of the background at the same positions; None: not known, so that the
+            rise is that of the grey value.
 
         Raises
         ------
         InputError
-            If lengths differ, a value is not finite or below 0, times do not ascend, or
-            ``background`` is missing for ``above_background``.
+            If lengths differ, a value is not finite or below 0, or times do not ascend.
         """
         time, light = _course(time_s, gray)
-        if background is None and self.above_background:
-            raise InputError("Ignition: background is missing for above_background.")
         behind = None if background is None else _course(time_s, background)[1]
         values = light if behind is None or not self.above_background else light - behind
         searched = len(values) - 2 * LEAST_POINTS + 1  # splits
         # The second: even the clearest step, p = splits / C(n, n // 2), could be chance.
         if searched < 1 or searched > SIGNIFICANCE * math.comb(len(values), len(values) // 2):
             return IgnitionResult(TOO_FEW)
-        early = self.bright is not None and np.median(light[:LEAST_POINTS]) >= self.bright
-        without = BEFORE if early else NONE  # the outcome unless there is a step
         split, deviation = best_step(values, LEAST_POINTS)
         level = float(np.median(values))
         if split < 0:
-            return IgnitionResult(without, before=level, after=level)
+            return IgnitionResult(NONE, before=level, after=level)
         before, after = float(np.median(values[:split])), float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
         scatter = 1.4826 * float(np.median(np.abs(off)))  # standard deviation of a Gaussian
@@ -140,51 +124,8 @@ class Ignition:
             and (behind is None or np.median(light[split:] - behind[split:]) > 0.0)
         )
         moment = float(time[split - 1] + time[split]) / 2 if is_step else math.nan
-        outcome = SEEN if is_step else without
+        outcome = SEEN if is_step else NONE
         return IgnitionResult(outcome, moment, before, after, scatter, p_value)
-
-
-def lights_up(time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike) -> str:
-    """Return whether a particle's trace lights up in the optical picture (Fig. 5.17).
-
-    That picture is a background plus the difference of every frame from it (section 5.2.2). The
-    trace is light where the particle is brighter than the background by `TRACE_SHARE`.
-
-    Parameters
-    ----------
-    time_s
-        (n,) ascending.
-    gray, background
-        (n,) grey values of the particle and of the background behind it, not below 0.
-
-    Returns
-    -------
-    str
-        "seen": dark, then light for `LEAST_POINTS` detections or more; "before seen": light from
-        the first detection on, without such a change; "none"; "too few points": fewer than twice
-        `LEAST_POINTS`.
-
-    Raises
-    ------
-    InputError
-        If lengths differ, a value is not finite or below 0, or times do not ascend.
-
-    Notes
-    -----
-    The thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure; this one is
-    ours. The running median ignores a single flash. Crossing traces are kept apart.
-    """
-    time, light = _course(time_s, gray)
-    behind = _course(time_s, background)[1]
-    if len(time) < 2 * LEAST_POINTS:
-        return TOO_FEW
-    excess = median_filter(light - behind - TRACE_SHARE * behind, LEAST_POINTS, mode="nearest")
-    is_light: Flags = np.greater(excess, 0.0)
-    windows = np.lib.stride_tricks.sliding_window_view(is_light, LEAST_POINTS)
-    lasting: Flags = np.all(windows, axis=1)
-    if (lasting[1:] & ~is_light[: len(lasting) - 1]).any():
-        return SEEN
-    return BEFORE if lasting[0] else NONE
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:

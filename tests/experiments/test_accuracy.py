@@ -65,7 +65,7 @@ def test_true_places_replace_those_of_known_owners_and_links_lose_depths_of_no_g
 
 
 def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
-    monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 40))
+    monkeypatch.setitem(campaigns.FRAMES, "quick", 40)
     campaign = campaigns.campaigns("quick", LEARNED, scenario="small")[1]
     true = campaigns.true_positions(campaign)
     true["gray"] = np.where(true["label"] == 2, accuracy.LIT_GRAY, accuracy.UNLIT_GRAY)
@@ -86,7 +86,7 @@ def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
 
 
 def test_ignition_is_found_where_true_positions_begin_to_burn(monkeypatch):
-    monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 120))
+    monkeypatch.setitem(campaigns.FRAMES, "quick", 120)
     campaign = campaigns.campaigns("quick", LEARNED, scenario="small")[1]
     true = campaigns.true_positions(campaign).assign(gray=0.0)
     step, tables = next(accuracy.replace_steps(campaign, true, {}))

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pandas as pd
+from hypothesis import given
+from hypothesis import strategies as st
 
 from kilnflight.experiments import campaigns
 from kilnflight.regression import Regression, regress_all
@@ -31,8 +33,36 @@ def test_values_are_of_accepted_flights_from_the_lance():
     lost = flown.assign(ending=["lost", "burnt out", "landed"], last_s=[0.25, 0.4, 9.0])
     values = campaigns.flight_values(fitted, lost, sliced)
     assert values.dwell_s.tolist() == [0.4]  # only complete flights have a dwell time
+    every = campaigns.flight_values(fitted, lost, sliced, complete=("lost", "burnt out"))
+    assert every.dwell_s.tolist() == [0.3, 0.4]
+    left = lost.assign(ending=["left the view", "lost", "landed"])
+    assert campaigns.flight_values(fitted, left, sliced).dwell_s.tolist() == [0.3]
     assert values.censored_s.tolist() == [0.25]  # last detected 0.25 s after it left, at t0 = 0
     assert len(values.ignition_s) == len(values.reached_m) == 2
     refused = lost.assign(refused=["", "turns back behind the lance", ""])
     values = campaigns.flight_values(fitted, refused, sliced)
     assert (len(values.dwell_s), len(values.censored_s), len(values.velocity_m_s)) == (0, 1, 1)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-0.5, 6.0), st.floats(0.05, 1.5)), max_size=12),
+    st.integers(1, 300),
+)
+def test_the_busiest_frames_hold_the_most_whole_flights(flown, count):
+    """Against all windows of a recording of 500 frames at 100 Hz."""
+    release, dwell = np.reshape(np.array(flown, np.float64), (-1, 2)).T
+
+    def whole(first):
+        begin, end = release * 100, (release + dwell) * 100
+        return ((begin >= first) & (end < first + count)).sum()
+
+    frames = campaigns.busiest(release, dwell, 100.0, count, 500)
+    assert len(frames) == count
+    assert (frames.start >= 0) & (frames.stop <= 500)
+    assert whole(frames.start) == max(whole(first) for first in range(501 - count))
+
+
+def test_of_windows_without_a_whole_flight_the_one_with_most_flying_counts():
+    frames = campaigns.busiest(np.array([1.0, 2.0, 2.1]), np.full(3, 0.9), 100.0, 50, 500)
+    assert frames == range(210, 260)
+    assert campaigns.busiest(np.empty(0), np.empty(0), 100.0, 900, 500) == range(500)

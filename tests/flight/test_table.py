@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight import TOO_FAST, FieldOfView, Rules, flights, kept
 from kilnflight.ignition import Ignition
@@ -77,27 +76,35 @@ def test_without_the_test_of_grey_values_a_flight_lands_or_is_lost(polynomials):
         assert (flight["ending"], flight["ignition"]) == (ending, "none")
 
 
-def test_ignition_may_be_a_rise_above_the_background(polynomials):
+def test_ignition_is_a_rise_above_the_background(polynomials):
     fit = polynomials(FALLING, first_s=0.05)
     track = detections(fit, ignites_s=0.2)
     track["background"] = track["gray"] - 1000 - 100 * np.sin(track["frame"])
-    assert flight_of(track, fit)["ignition"] == "seen"
-    assert flight_of(track.assign(background=1e6), fit)["ignition"] == "none"  # it stays darker
-    above = Rules(ignition=Ignition(above_background=True))
-    assert flight_of(track, fit, above)["ignition"] == "none"
-    with pytest.raises(InputError, match="background"):
-        flight_of(track.drop(columns="background"), fit, above)
+    gray_alone = Rules(ignition=Ignition(above_background=False))
+    assert flight_of(track, fit)["ignition"] == "none"
+    assert flight_of(track, fit, gray_alone)["ignition"] == "seen"
+    darker = track.assign(background=1e6)
+    assert flight_of(darker, fit, gray_alone)["ignition"] == "none"
+    assert flight_of(track.drop(columns="background"), fit)["ignition"] == "seen"
 
 
-def test_a_burning_particle_may_be_lost_at_the_border_of_the_view(polynomials):
+def test_what_ends_in_the_air_left_the_view_burnt_out_or_was_lost(polynomials):
+    """Appendix A.1: unlit ones that leave count; burning ones at the edge cannot be analyzed."""
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
-    track = detections(fit, ignites_s=0.2)
-    corners = [(0, 0), (1500, 0), (1500, 2000), (0, 2000)]
-    for row, ending in ((500.0, "burnt out"), (40.0, "lost"), (-10.0, "lost")):
-        view = FieldOfView(roi=corners)
-        assert flight_of(track.assign(row=row), fit, view=view)["ending"] == ending
-    for stop, ending in ((1000, "burnt out"), (105, "lost")):
-        assert flight_of(track, fit, view=FieldOfView(frames=range(stop)))["ending"] == ending
+    burning, unlit = detections(fit, ignites_s=0.2), detections(fit)
+    view = FieldOfView(roi=[(0, 0), (1500, 0), (1500, 2000), (0, 2000)], frames=range(1000))
+    cut = view._replace(frames=range(105))
+    for row, lit, dark in (
+        (500.0, "burnt out", "lost"),
+        (40.0, "lost", "left the view"),
+        (-10.0, "lost", "left the view"),
+    ):
+        for track, ending in ((burning, lit), (unlit, dark)):
+            found = flight_of(track.assign(row=row), fit, view=view)
+            assert (found["ending"], found["dwell_s"]) == (ending, pytest.approx(0.3))
+            assert flight_of(track.assign(row=row), fit, view=cut)["ending"] == "lost"
+    landing = polynomials(FALLING, first_s=0.05, last_s=0.45)
+    assert flight_of(detections(landing, row=40.0), landing, view=view)["ending"] == "landed"
 
 
 def test_a_flight_that_goes_on_as_another_track_did_not_burn_out(polynomials):
@@ -162,3 +169,5 @@ def test_a_rejected_flight_stays_in_the_table_with_its_reason(polynomials):
     assert list(kept(table)["particle"]) == [0]
     pd.testing.assert_frame_equal(FLIGHTS.check(table), table)
     assert list(flights(tracks, {}, WALL, LIMIT, RATE).columns) == FLIGHTS.names
+    every = flights(tracks, {0: fit, 1: fast}, WALL, LIMIT, RATE, Rules(plausible=None))
+    assert list(kept(every)["particle"]) == [0, 1]

@@ -189,7 +189,7 @@ def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
     -------
     DataFrame
         ``fraction``, ``pressure_bar``, ``replaced_step`` (see `replace_steps`), the entries of
-        `errors`; ``flights`` that count, and ``refused``: rejected flights from the lance.
+        `errors`; ``flights`` that count.
     """
     pieces = ((campaign, results.tables[:2]) for campaign in results.campaigns)
     parts = zip(results.campaigns, parallel.run_all(_budget, pieces, jobs), strict=True)
@@ -205,9 +205,8 @@ def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> 
     tracks, trajectories = (part.reset_index(drop=True) for part in parts)
     true, rows = true_flights(campaign), []
     for step, tables in replace_steps(campaign, tracks, regression.fits(trajectories)):
-        number, counted = int(tables.flights["from_lance"].sum()), counted_flights(tables.flights)
-        row = {"replaced_step": step, **errors(compare(tables, true)), "flights": len(counted)}
-        rows.append(row | {"refused": number - len(counted)})
+        counted = len(counted_flights(tables.flights))
+        rows.append({"replaced_step": step, **errors(compare(tables, true)), "flights": counted})
     return pd.DataFrame(rows)
 
 

@@ -3,8 +3,8 @@
 recordings -> `Measurement`, the tables of all -> `Results`, values measured and true
 
 Threshold, wall and limit of the air come from the labelled frames; the outlet of the lance is
-known. The truth enters no measured table. No particle counts as burning at its first detection:
-the thesis prints no grey value for it (`kilnflight.ignition.Ignition.bright`).
+known. The truth enters no measured table, but it names the frames of a reduced run (`busiest`). No
+flight is rejected, as in the thesis.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import kiln, regression
+from kilnflight.arrays import Array
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
@@ -27,7 +28,17 @@ from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.experiments.sources import TwinSource
-from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, Rules, kept, straight_on
+from kilnflight.flight import (
+    BEHIND,
+    BURNT_OUT,
+    LANDED,
+    LEAVES,
+    LEFT,
+    TOO_FAST,
+    Rules,
+    kept,
+    straight_on,
+)
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.project.cache import CachedTable
@@ -41,14 +52,16 @@ from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, sce
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
-# First frame and number of frames by scale; 0: all. A flight lasts 60 to 165 frames.
-FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
+FRAMES = {"quick": 24, "standard": 200, "full": 0}  # by scale; 0: all; a flight lasts 60 to 165
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
-# Campaigns by scale: two of a smoke run, the lower pressure of a reduced one.
+# What leaves the view counts with the time computed; what is lost within it does not (A.1).
+COMPLETE = (LANDED, BURNT_OUT, LEFT)
+ALL = tuple(product(FRACTIONS, PRESSURES_BAR))
+# Campaigns by scale: two of a smoke run.
 CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
     "quick": (("wood chip", 4.5), ("paper shred", 4.5)),
-    "standard": tuple(product(FRACTIONS, PRESSURES_BAR[:1])),
-    "full": tuple(product(FRACTIONS, PRESSURES_BAR)),
+    "standard": ALL,
+    "full": ALL,
 }
 
 
@@ -143,7 +156,7 @@ def campaigns(
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (four, 200 frames each) or "full"
+        "quick" (two campaigns, 24 frames each), "standard" (eight, 200 frames each) or "full"
         (eight, all frames).
     settings
         Threshold, wall and limit from the labelled frames.
@@ -163,16 +176,58 @@ def campaigns(
 def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> KilnRun:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
-    twin = open_scene(source.name, seed)  # its flights are not worked out here
-    first, count = FRAMES[scale]
-    stop = min(first + count, len(twin)) if count else len(twin)
-    # in thirds, for fewer windows of the median
-    detector, thirds = Combination(DoG(settings.threshold)), max(kiln.CHUNK_FRAMES, -(-stop // 3))
-    frames = DetectionRun(source, first, stop, detector, BACKGROUNDS[scale], thirds)
-    exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)
+    twin = open_scene(source.name, seed)
+    count = FRAMES[scale] or len(twin)
+    frames = busiest(
+        twin.life.release_s, twin.life.flights.end_s, twin.scene.frame_rate_hz, count, len(twin)
+    )
+    chunk = frames.stop
+    if count == len(twin):
+        chunk = max(kiln.CHUNK_FRAMES, -(-count // 3))  # in thirds, for fewer windows of the median
+    detection = DetectionRun(
+        source,
+        frames.start,
+        frames.stop,
+        detector=Combination(DoG(settings.threshold)),
+        background=BACKGROUNDS[scale],
+        chunk=chunk,
+    )
     sheet = FRACTIONS[twin.scene.fraction].sheet  # the test of grey values is for papers (5.3.2)
-    rules = Rules(ignition=Ignition() if sheet else None)
-    return KilnRun(frames, exit_point, settings.wall, in_air, rules=rules)
+    return KilnRun(
+        detection,
+        exit_point_mm=twin.attributes.exit_point_mm,
+        wall=settings.wall,
+        in_air=InAir(settings.in_air_mm),
+        rules=Rules(ignition=Ignition() if sheet else None, plausible=None),
+    )
+
+
+def busiest(
+    release_s: Array, dwell_s: Array, frame_rate_hz: float, count: int, total: int
+) -> range:
+    """Return the frames of a recording in which most flights begin and end.
+
+    Of equal ones those with the longest flights in them count, then the first. The rule needs the
+    times of release and end alone, which are known before any frame is rendered.
+
+    Parameters
+    ----------
+    release_s, dwell_s
+        (n,) in s: when each particle leaves the lance, and for how long it flies.
+    frame_rate_hz
+        Of the recording.
+    count, total
+        Number of frames wanted, and of those that the recording has.
+    """
+    count = min(count, total)
+    begin = release_s * frame_rate_hz
+    end = begin + dwell_s * frame_rate_hz
+    first = np.unique(np.clip(np.append(np.floor(begin), 0.0), 0, total - count)).astype(int)
+    last = first[:, None] + count
+    whole = ((begin >= first[:, None]) & (end < last)).sum(axis=1)
+    flown = np.clip(np.minimum(end, last) - np.maximum(begin, first[:, None]), 0.0, None)
+    best = int(first[np.lexsort((-flown.sum(axis=1), -whole))[0]])
+    return range(best, best + count)
 
 
 class Measurement(NamedTuple):
@@ -216,7 +271,7 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
 
 
 def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the flights from the lance (Fig. 4.21) that are not refused."""
+    """Return the flights from the lance (Fig. 4.21) that the run does not reject."""
     return kept(flights[flights["from_lance"]])
 
 
@@ -288,20 +343,26 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
 
 
 def values_by_campaign(
-    tables: Measurement, keys: Iterable[CampaignKey]
+    tables: Measurement, keys: Iterable[CampaignKey], complete: Sequence[str] = COMPLETE
 ) -> dict[CampaignKey, FlightValues]:
     """Return the `flight_values` of each campaign, from the tables of all campaigns."""
     parts = {key: [of_campaign(table, key) for table in tables[1:]] for key in keys}
-    return {key: flight_values(*each) for key, each in parts.items()}
+    return {
+        key: flight_values(trajectories, flights, slices, complete)
+        for key, (trajectories, flights, slices) in parts.items()
+    }
 
 
 def flight_values(
-    trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
+    trajectories: pd.DataFrame,
+    flights: pd.DataFrame,
+    slices: pd.DataFrame,
+    complete: Sequence[str] = COMPLETE,
 ) -> FlightValues:
     """Return times, velocities and reach of one campaign's `counted_flights`.
 
-    Only complete flights, landed or burnt out, have a dwell time (section 5.3.1, appendix A.1).
-    Lost ones are censored when last detected. Slices behind the lance are left out.
+    Flights with one of the endings ``complete`` have a dwell time (section 5.3.1, appendix A.1).
+    The others are censored when last detected. Slices behind the lance are left out.
 
     Parameters
     ----------
@@ -319,7 +380,7 @@ def flight_values(
     fits = regression.fits(trajectories[TRAJECTORIES.names])
     ends = zip([fits[each] for each in counted["particle"]], counted["end_s"], strict=True)
     reached = [fit.exit_point_mm[2] - straight_on(fit, end)[0, 2] for fit, end in ends]
-    lost = (counted["ending"] == LOST).to_numpy()
+    lost = ~counted["ending"].isin(complete).to_numpy()
     dwell, ignition = counted.loc[~lost, "dwell_s"], counted["ignition_s"]
     seen = (counted["last_s"] - counted["t0_s"])[lost]
     times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
@@ -357,7 +418,7 @@ def fits_from_lance(
 
 
 def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
-    """Return how well polynomials of orders 2 to 7 fit, by axis (Fig. 4.23).
+    """Return how well polynomials of orders 2 to 7 fit each trajectory, by axis (Fig. 4.23).
 
     The first ``most`` trajectories from the lance of each campaign are fitted with one order along
     all axes. Trajectories too short for order 7 are left out, so all orders have the same ones.
@@ -365,8 +426,8 @@ def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``order``, ``axis`` (x, y, z), medians of ``rmse_mm``, ``mape_percent``, ``r2`` and
-        ``r2_adjusted``.
+        ``fraction``, ``pressure_bar``, ``particle``, ``order``, ``axis`` (x, y, z), ``rmse_mm``,
+        ``mape_percent``, ``r2`` and ``r2_adjusted``.
     """
     orders, columns, rows = range(2, 8), list(regression.AXIS_MEASURES), []
     for campaign in results.campaigns:
@@ -378,6 +439,5 @@ def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
             track = tracks[tracks["particle"] == particle]
             fit = regression.regress(track, fits[particle].exit_point_mm, rate, methods[order])
             measures = zip(AXES, *(getattr(fit, name) for name in columns), strict=True)
-            rows += [(order, *of_axis) for of_axis in measures]
-    table = pd.DataFrame(rows, columns=["order", "axis", *columns])
-    return table.groupby(["order", "axis"])[columns].median().reset_index()
+            rows += [(*campaign.key, particle, order, *of_axis) for of_axis in measures]
+    return pd.DataFrame(rows, columns=[*KEYS, "particle", "order", "axis", *columns])

@@ -6,20 +6,15 @@ that of the particles that passed the metre; "velocity last" is that of the last
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array
-from kilnflight.experiments.campaigns import (
-    KEYS,
-    CampaignKey,
-    Measurement,
-    counted_flights,
-    from_lance,
-)
+from kilnflight.experiments.campaigns import KEYS, CampaignKey, Measurement, from_lance
 from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (
@@ -136,7 +131,8 @@ def printed_numbers() -> pd.DataFrame:
     return table[[*KEYS, "outcome", "printed", "low", "high"]]
 
 
-def put_in(runs: Iterable[CampaignKey], count: int, seed: int) -> pd.DataFrame:
+@cache  # the judgement of each choice needs it
+def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame:
     """Return every outcome of flights by the laws that were put in, beside `printed_numbers`.
 
     ``count`` particles of each run are released. The columns are those of `printed_numbers`, NaN
@@ -182,7 +178,7 @@ def recovery(
             answer = claims.within(low, high, -most, most) if ours.numbers != (0,) else None
             numbers = (known[name], sum(ours.numbers), ours.estimate, ours.estimate - known[name])
             rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
-    told = put_in(measured, PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
+    told = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
     told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
     rest = ["true", "number", "measured", "error", "low", "high", "verdict"]
     table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace([np.inf, -np.inf], np.nan)
@@ -219,6 +215,12 @@ def differences(
     return pd.DataFrame(rows, columns=names)
 
 
+def ends(values: pd.Series, form: str) -> str:
+    """Return the least and the greatest value as text, "-" without values."""
+    known = values.dropna()
+    return f"{form} to {form}".format(known.min(), known.max()) if len(known) else "-"
+
+
 def all_above(table: pd.DataFrame) -> bool | None:
     """Return whether all `differences` are above 0; None if an interval holds 0."""
     return claims.all_of(*map(claims.beyond, table["low"], table["high"])) if len(table) else None
@@ -236,15 +238,13 @@ def recovered(table: pd.DataFrame, **where: object) -> bool | None:
 
 
 def if_complete(
-    flights: pd.DataFrame, answers: Mapping[str, bool | None]
+    numbers: Collection[int], answers: Mapping[str, bool | None]
 ) -> dict[str, bool | None]:
     """Return the answers by claim, or None for all if there are too few flights.
 
-    All eight campaigns need `LEAST_FLIGHTS` accepted flights from the lance, so a reduced run
-    decides no claim. ``flights`` are `kilnflight.tables.FLIGHTS` of all campaigns.
+    ``numbers`` are the flights of each campaign. All eight campaigns need `LEAST_FLIGHTS`.
     """
-    enough = int((counted_flights(flights).groupby(KEYS).size() >= LEAST_FLIGHTS).sum())
-    whole = enough == len(FRACTIONS) * len(PRESSURES_BAR)
+    whole = len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR) and min(numbers) >= LEAST_FLIGHTS
     return {claim: answer if whole else None for claim, answer in answers.items()}
 
 

@@ -1,8 +1,4 @@
-"""Ignition: traces in the optical picture (Fig. 5.17), and errors of the grey-value test.
-
-Section 5.3.2 of the thesis judges wood chips and PE granules by the picture, papers by grey values
-along their tracks. All are flights from the lance that are not refused.
-"""
+"""Ignition: whose grey value rises, the optical picture (Fig. 5.17), and errors of the test."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from kilnflight.experiments.accuracy import errors
 from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
 from kilnflight.experiments.flights import Array, interval_columns
 from kilnflight.flight import kept
-from kilnflight.ignition import BEFORE, SEEN, TOO_FEW, lights_up
+from kilnflight.ignition import LEAST_POINTS, SEEN, SHARE, TOO_FEW, Ignition
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
 
@@ -56,11 +52,12 @@ def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame
     return rows_by_campaign(rows)
 
 
-def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
-    """Return how many flights light up in the optical picture (Fig. 5.17).
+def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.DataFrame:
+    """Return how many flights light up, one row per campaign.
 
-    There is one row per campaign. Section 5.3.2 judges wood chips and PE granules by that picture.
-    Only detections before the end of a flight count: the wall ignites all that land (5.1.1).
+    "If the gray value increases abruptly, the particles can be assumed ignited" (section 5.3.2):
+    a particle that is light at first sight is not. The test is the same for all fractions. Only
+    detections before the end of a flight count: the wall ignites all that land (5.1.1).
 
     Parameters
     ----------
@@ -68,15 +65,18 @@ def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
         The campaigns and their tables.
     both
         Measured beside true, from `kilnflight.experiments.accuracy.compare_campaigns`.
+    test
+        Of a rise of the grey values.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``; numbers of flights: ``light_up``, ``light_at_first`` (from
-        the first detection on), ``too_few`` (points to judge); ``number``, ``estimate``, ``low``,
-        ``high`` of the share that lights up (Wilson); ``unlit`` and ``lit``, judged flights whose
-        particle truly ignites or not; ``unlit_light`` and ``lit_light``, which of these are light
-        at first or later.
+        ``fraction``, ``pressure_bar``; numbers of flights: ``light_up`` (by ``test``),
+        ``light_at_first`` (its first `LEAST_POINTS` detections are lighter than the kiln behind by
+        `SHARE`), ``too_few`` (points to judge); ``number``, ``estimate``, ``low``, ``high`` of the
+        share that lights up (Wilson). For ``unlit`` and ``lit``, judged flights whose particle
+        truly stays unlit or ignites: their number; ``_up`` that light up; ``_light`` that light up
+        or are light at first; ``_gray``, median grey value along their flights.
     """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
@@ -88,11 +88,13 @@ def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
         tracks = tracks.assign(background=behind, time_s=time_s)
         known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
         ignites = known.set_index("track")["true_ignition_s"].notna()
-        rows[campaign.key] = count_lit(flights, tracks, ignites)
+        rows[campaign.key] = count_lit(flights, tracks, ignites, test)
     return rows_by_campaign(rows)
 
 
-def count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series) -> dict[str, float]:
+def count_lit(
+    flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series, test: Ignition
+) -> dict[str, float]:
     """Return the numbers of `trace_shares` for one campaign.
 
     Parameters
@@ -104,18 +106,36 @@ def count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series) -
         grey value of the kiln behind.
     ignites
         Whether the true particle ignites in flight, by track; tracks without one are missing.
+    test
+        Of a rise of the grey values.
     """
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
-    flying = tracks[tracks["time_s"] <= end_s].sort_values("frame").groupby("particle")
-    found = {name: lights_up(one["time_s"], one["gray"], one["background"]) for name, one in flying}
-    seen = pd.Series(found, dtype=object).reindex(flights["particle"], fill_value=TOO_FEW)
-    kinds = {"light_up": SEEN, "light_at_first": BEFORE, "too_few": TOO_FEW}.items()
-    count: dict[str, float] = {name: (seen == kind).sum() for name, kind in kinds}
-    count |= interval_columns(intervals.share(int(count["light_up"]), len(flights)))
-    judged = seen[seen.ne(TOO_FEW) & seen.index.isin(ignites.index)]
-    light, truly = judged.isin([SEEN, BEFORE]), ignites.reindex(judged.index).astype(bool)
-    for name, kind in (("unlit", ~truly), ("lit", truly)):
-        count |= {name: kind.sum(), f"{name}_light": (light & kind).sum()}
+    flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
+    by_particle = flying.groupby("particle")
+    found = {
+        name: test(one["time_s"], one["gray"], one["background"]).outcome
+        for name, one in by_particle
+    }
+    outcome = pd.Series(found, dtype=object).reindex(flights["particle"], fill_value=TOO_FEW)
+    first = by_particle.head(LEAST_POINTS)
+    lighter = first["gray"] > (1.0 + SHARE) * first["background"]
+    at_first = lighter.groupby(first["particle"]).all()
+    at_first = at_first.reindex(outcome.index, fill_value=False)
+    rises, few = outcome == SEEN, outcome == TOO_FEW
+    count: dict[str, float] = {
+        "light_up": rises.sum(),
+        "light_at_first": at_first.sum(),
+        "too_few": few.sum(),
+    }
+    count |= interval_columns(intervals.share(int(rises.sum()), len(flights)))
+    gray = by_particle["gray"].median().reindex(outcome.index)
+    judged = ~few & outcome.index.isin(ignites.index)
+    truly = ignites.reindex(outcome.index, fill_value=False).astype(bool)
+    for name, kind in (("unlit", judged & ~truly), ("lit", judged & truly)):
+        count[name] = kind.sum()
+        count[f"{name}_up"] = (kind & rises).sum()
+        count[f"{name}_light"] = (kind & (rises | at_first)).sum()
+        count[f"{name}_gray"] = gray[kind].median()
     return count
 
 

@@ -7,10 +7,20 @@ r"""Flights: start, end, dwell time and velocity (section 5.3.1).
 """
 
 from kilnflight.flight.criteria import BEHIND, LEAVES, TOO_FAST, Plausible, straight_on
-from kilnflight.flight.table import BURNT_OUT, LANDED, LOST, FieldOfView, Rules, flights, kept
+from kilnflight.flight.table import (
+    BURNT_OUT,
+    LANDED,
+    LEFT,
+    LOST,
+    FieldOfView,
+    Rules,
+    flights,
+    kept,
+)
 from kilnflight.flight.velocity import reaching, slices, space_sliced_velocity
 
 __all__ = [
-    "BEHIND", "BURNT_OUT", "LANDED", "LEAVES", "LOST", "TOO_FAST", "FieldOfView", "Plausible",
-    "Rules", "flights", "kept", "reaching", "slices", "space_sliced_velocity", "straight_on",
+    "BEHIND", "BURNT_OUT", "LANDED", "LEAVES", "LEFT", "LOST", "TOO_FAST", "FieldOfView",
+    "Plausible", "Rules", "flights", "kept", "reaching", "slices", "space_sliced_velocity",
+    "straight_on",
 ]  # fmt: skip

@@ -15,13 +15,13 @@ import pandas as pd
 from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
-from kilnflight.ignition import BEFORE, NONE, SEEN, Ignition, IgnitionResult
+from kilnflight.ignition import NONE, SEEN, Ignition, IgnitionResult
 from kilnflight.regression import Fit
 from kilnflight.tables import AXES, DETECTIONS, FLIGHTS, Table, order_tracks
 
 # frame, row, col, gray, x, y, z
 FLOWN = Table("tracks of flights", *DETECTIONS.columns[:3], *DETECTIONS.columns[4:8])
-LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
+LANDED, BURNT_OUT, LEFT, LOST = "landed", "burnt out", "left the view", "lost"
 UNTESTED = IgnitionResult(NONE)
 EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the gate of sec. 3.3
 
@@ -30,14 +30,15 @@ EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the 
 class Rules:
     """Criteria of flights that differ between recordings.
 
-    ``ignition`` depends on the camera's grey values, ``plausible`` on the air's velocity.
+    ``ignition`` depends on the camera's grey values, ``plausible`` on the air's velocity. The
+    thesis rejects no flight (`kilnflight.flight.Plausible`).
 
     The test of grey values is made for papers only (section 5.3.2). Without it a flight has no
-    ignition and does not burn out: it lands or is lost.
+    ignition and does not burn out.
     """
 
     ignition: Ignition | None = field(default_factory=Ignition)  # None: not tested
-    plausible: Plausible = field(default_factory=Plausible)
+    plausible: Plausible | None = field(default_factory=Plausible)  # None: none is rejected
 
 
 class FieldOfView(NamedTuple):
@@ -84,14 +85,16 @@ def flights(
     rules
         None: `Rules` with their defaults.
     view
-        Region and frames: what ends at their border was lost, not burnt out.
+        Region and frames: what ends at their border did not burn out.
 
     Notes
     -----
-    A track that ends in the air ended by burning out only if it burnt. An unlit one left the view
-    or was lost by the tracker ("their actual flight time is longer than computed", appendix A.1).
-    It stays in the table as "lost", its dwell time a lower bound. So does what goes on as another
-    track, as where a track is cut (`kilnflight.tracklets.Cutting`). Ignition is searched up to the
+    A track that ends in the air burnt out if it burnt. An unlit one that ends within `EDGE_PX` of
+    the region's border has left the view: "their actual flight time is longer than computed"
+    (appendix A.1). A burning one there is lost: of those that rise into the edge, "flight and
+    burning behavior cannot be analyzed" (A.1). So is any other unlit one, what the recording cuts,
+    and what goes on as another track, as where a track is cut (`kilnflight.tracklets.Cutting`).
+    The dwell time of what left or was lost is a lower bound. Ignition is searched up to the
     landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or FieldOfView()
@@ -111,10 +114,11 @@ def flights(
             row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
-        if row["ending"] == BURNT_OUT and (
-            _cut_off(track, frame_rate_hz, view) or _goes_on(track, starts, frame_rate_hz)
-        ):
-            row["ending"] = LOST
+        if row["ending"] != LANDED:
+            if _cut_off(track, frame_rate_hz, view) or _goes_on(track, starts, frame_rate_hz):
+                row["ending"] = LOST
+            elif _at_border(track, view):
+                row["ending"] = LOST if row["ending"] == BURNT_OUT else LEFT
         rows.append({"particle": name} | row)
     return pd.DataFrame(rows)[FLIGHTS.names] if rows else FLIGHTS.empty()
 
@@ -125,7 +129,7 @@ def _flight(
     """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
 
     ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame rate. The
-    ending is decided from this track alone; `flights` corrects it to "lost".
+    ending is decided from this track alone; `flights` corrects it.
     """
     from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
     landed, end_s, wall_mm = end_of(fit, wall, in_air)
@@ -137,7 +141,7 @@ def _flight(
     gray, lit = track["gray"].to_numpy()[flying], UNTESTED
     if rules.ignition is not None:
         lit = rules.ignition(time[flying], gray, behind)
-    burning = lit.outcome in (SEEN, BEFORE)
+    burning = lit.outcome == SEEN
     return {
         "t0_s": float(fit.t0),
         "first_s": min(float(fit.first_s), float(time[0])),
@@ -152,22 +156,23 @@ def _flight(
         # 0 where nothing can be said
         "rise_gray": 0.0 if math.isnan(lit.before) else lit.after - lit.before,
         "wall_mm": wall_mm,
-        "refused": rules.plausible(fit, end_s, wall, in_air),
+        "refused": rules.plausible(fit, end_s, wall, in_air) if rules.plausible else "",
     }
 
 
 def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
-    """Return whether a flight ends at the border of view or recording.
+    """Return whether the last detection is within `BEYOND_S` of the recording's end."""
+    if view.frames is None:
+        return False
+    end = (view.frames.stop - 1) / rate_hz
+    return bool(track["frame"].iloc[-1] / rate_hz + BEYOND_S > end)
 
-    The last row of ``track`` is within `BEYOND_S` of the last frame or `EDGE_PX` of the region.
-    """
-    last = track.iloc[-1]
-    if view.frames is not None:
-        end = (view.frames.stop - 1) / rate_hz
-        if last["frame"] / rate_hz + BEYOND_S > end:
-            return True
+
+def _at_border(track: pd.DataFrame, view: FieldOfView) -> bool:
+    """Return whether the last detection is outside the region or within `EDGE_PX` of its border."""
     if view.roi is None:
         return False
+    last = track.iloc[-1]
     corners = check_finite(view.roi, "flights: view.roi", (None, 2))
     place = (float(last["row"]), float(last["col"]))
     return cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True) < EDGE_PX

@@ -12,7 +12,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.checks import printable
-from kilnflight.flight import LOST, kept, reaching
+from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 from kilnflight.scores.spreading import doubtful_links, followed
@@ -82,7 +82,8 @@ def summary(tables: Tables) -> dict[str, str]:
     rows["tracks"] = f"{n} with {len(tracks)} detections, {len(tracks) / max(n, 1):.3g} each"
     if len(flights):
         rows["flights from the lance"] = f"{len(counted)} of {len(flights)} trajectories"
-    dwell = counted.loc[counted["ending"] != LOST, "dwell_s"]  # lost: no dwell time (A.1)
+    ended = counted["ending"].isin([LANDED, BURNT_OUT])  # of others the end was not seen
+    dwell = counted.loc[ended, "dwell_s"]
     if len(dwell):
         median, *ends = median_interval(dwell, np.random.default_rng(0))[:3]
         rows["dwell time, median"] = f"{median:.3f} s {np.round(ends, 3) if len(dwell) > 5 else ''}"
