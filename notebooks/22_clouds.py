@@ -19,6 +19,7 @@ seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
+from dataclasses import replace
 from functools import partial
 
 import matplotlib.pyplot as plt
@@ -36,7 +37,8 @@ from kilnflight.detection import (
 from kilnflight.detection.combination import centers, sort_clusters
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.project import claims, figures, style
+from kilnflight.project import choices, claims, figures, style
+from kilnflight.twin.scene import Twin
 
 # %%
 style.use_style()
@@ -132,6 +134,20 @@ caption = (
     "clouds, beside the text of Fig. 5.7."
 )
 figures.save("fig-5-7-neighbours", table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Patches of the wall (D7)
+#
+# Depths of the wall lie in patches of half a lens, over which its contrast counts. The other value
+# are narrow shreds, of single pixels with most contrast.
+
+# %%
+scene = subset.recording.scene
+shreds = Twin(replace(scene, depth=replace(scene.depth, patch=0.01)))
+near = {"ours": distances[subset.name], "D7": k_distances(calibrated_cloud(shreds, t), 2)}
+near = {name: float((values <= 1.0).mean()) for name, values in near.items()}
+quantity = "share of points with a neighbour within 1 mm, V1 (print a third)"
+compared = [choices.compare("D7", quantity, chosen=near["ours"], other=near["D7"])]
 
 # %% [markdown]
 # ## The sorted k-distance graph
@@ -272,4 +288,4 @@ checks = [
     claims.check("cluster-8", bool((wall < 0.5).all()), wall),
     claims.check("cluster-9", all(pooled[k].idxmax() == "QCC" for k in (3, 4)), pooled[3]),
 ]
-figures.conclude(result, checks, origin)
+figures.conclude(result, checks, origin, choices=compared)

@@ -15,7 +15,8 @@ import pandas as pd
 from kilnflight.arrays import Array
 from kilnflight.camera import inside
 from kilnflight.detection.wall import crossing
-from kilnflight.regression import regress_all
+from kilnflight.flight import slices
+from kilnflight.regression import fits, regress_all
 from kilnflight.tracklets.eliminate import Elimination, regularity
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.flights import LONGEST_S, Law, fly
@@ -103,10 +104,16 @@ def seen_by_camera(
 
 
 def fit_medians(paths: pd.DataFrame, exit_point_mm: npt.ArrayLike, rate_hz: float) -> pd.Series:
-    """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18)."""
+    """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18).
+
+    ``first_m_s`` is the median velocity in the first metre (Eq. 5.8).
+    """
     long = paths[paths.groupby("particle")["frame"].transform("size") >= LASTING]
     table = regress_all(long, exit_point_mm, rate_hz)
-    return table.filter(regex="^(rmse|r2_[xyz])").median()
+    sliced = slices(fits(table))
+    medians = table.filter(regex="^(rmse|r2_[xyz])").median()
+    medians["first_m_s"] = sliced.loc[sliced["slice_m"] == 1.0, "velocity_m_s"].median()
+    return medians
 
 
 def wall_distances(

@@ -45,16 +45,17 @@ class LensCamera:
     """
 
     lenses: tuple[int, int] = (152, 176)  # rows, columns (R12 data sheet): 11.6 px apart
-    wall_points: int = 186_000  # candidates; about 200,000 points a frame with those of particles
+    wall_points: int = 165_000  # candidates; about 200,000 points a frame with those of particles
     kept_per_frame: float = 0.9  # of the wall's candidates; assumption
     # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth;
     # fitted to Table 5.2, with 3D
-    contrast: float = 22.0
+    contrast: float = 12.0
     # Power of the contrast by which depths are weighed where a lens sees two: 2 where squared
     # differences are matched, more where the stronger edge wins
     dominance: float = 4.0
     clear: float = 2.0  # a particle's contrast over the wall's, below which two depths are refused
     wall_contrast: float = 0.5  # likewise, of the wall, which many lenses see; assumption
+    patch: float = 0.5  # of a lens, over which the wall's contrast counts; by Fig. 5.7
     wall_error: float = 0.022  # relative (sec. 2.1.5: about 1 m range at 8 m)
     # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these
     wall_error_near_mm: float = 170.0
@@ -453,8 +454,7 @@ def _textured(
     score = np.asarray(cv2.resize(over_noise / (around + 0.05), (columns, rows)), np.float32)
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
     score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
-    # depths come in patches of half a lens
-    score = np.asarray(cv2.GaussianBlur(score, (0, 0), lattice.pitch_px / 2), np.float32)
+    score = np.asarray(cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch), np.float32)
     score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
     count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
     score = score.reshape(-1)
