@@ -52,8 +52,8 @@ origin = figures.trace(
 table = pd.read_csv(inputs[0], keep_default_na=False)
 caption = "Inputs of the simulated recordings: value, unit, status and source."
 figures.save("twin-inputs", table, caption=caption, provenance=origin)
-counts = table["status"].value_counts()
-counts
+statuses = table["status"].value_counts()
+statuses
 
 # %% [markdown]
 # ## Flights: printed and put in
@@ -248,8 +248,8 @@ changed
 
 # %%
 result = (
-    f"{counts['published']} of {len(table)} inputs are published, {counts['fitted']} were fitted "
-    f"to printed numbers, {counts['handbook']} are from other sources, {counts['assumption']} are "
-    "assumptions."
+    f"{statuses['published']} of {len(table)} inputs are published, {statuses['fitted']} were "
+    f"fitted to printed numbers, {statuses['identified']} are identified by one, "
+    f"{statuses['handbook']} are from other sources, {statuses['assumption']} are assumptions."
 )
 figures.conclude(result, [], origin, choices=compared)
