@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Flags
-from kilnflight.belt.phase import Deviations, Observed, PredictionPhase
-from kilnflight.belt.recordings import REAL_FRAME_S, list_recordings
+from kilnflight.belt.recordings import list_recordings
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
 from kilnflight.project import data, paths
@@ -92,33 +90,6 @@ def _shifted(table: pd.DataFrame, **offsets: int) -> pd.DataFrame:
 
 def _greatest(numbers: pd.Series, if_none: int) -> int:
     return int(numbers.max()) if len(numbers) else if_none
-
-
-def per_recording(deviations: Deviations) -> Deviations:
-    """Return deviations whose models are calibrated in each recording for itself.
-
-    The belt's velocity is not known and may differ between recordings, which are told apart by
-    `PAUSE`. If none of a recording's particles is drawn for calibration, its first one is.
-    """
-
-    def deviate(
-        observed: Observed, phase: PredictionPhase, calibration: Flags
-    ) -> Iterator[tuple[str, Array]]:
-        frame = observed.last["time_s"].to_numpy() / REAL_FRAME_S
-        order = np.argsort(frame, kind="stable")
-        starts = np.flatnonzero(np.diff(frame[order]) > PAUSE) + 1
-        parts: dict[str, list[Array]] = {}
-        for rows in np.split(order, starts):
-            drawn = calibration[rows]
-            if not drawn.any():
-                drawn = np.arange(len(rows)) == 0
-            last, arrival = (each.iloc[rows] for each in observed[:2])
-            for name, values in deviations(Observed(last, arrival, {}), phase, drawn):
-                parts.setdefault(name, []).append(np.asarray(values))
-        for name, pieces in parts.items():
-            yield name, np.concatenate(pieces)
-
-    return deviate
 
 
 def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
