@@ -3,7 +3,6 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import detection_tables
-from kilnflight.twin.geometry import Geometry
 
 
 def attempts(**true_positives):
@@ -42,15 +41,3 @@ def test_particles_are_classified_by_their_distance_from_the_axis():
     assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]
     assert counts.loc[("high", "Total"), ["tp", "fp", "fn"]].tolist() == [6, 3, 0]
     assert counts.loc[("high", "Total"), ["precision", "recall"]].tolist() == [2 / 3, 1]
-
-
-def test_scattered_points_have_no_cylinder():
-    generator, geometry = np.random.default_rng(0), Geometry()
-    angle, along = generator.uniform(0, np.pi, 500), generator.uniform(0, 3000, 500)
-    bent = np.column_stack([700 * np.cos(angle), 700 * np.sin(angle), along])
-    none = generator.uniform(-3000, 3000, (500, 3))
-    first, table = detection_tables.cylinder_table({"bent": bent, "none": none}, 0, geometry)
-    assert first.radius_mm == pytest.approx(700)
-    assert table["subset"].tolist() == ["bent", "none"]
-    assert table[["radius_mm", "inliers", "rms_mm"]].isna().all(axis=1).tolist() == [False, True]
-    assert (table["radius_published_mm"] == 772.1827).all()

@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth, calibrate_points
-from kilnflight.experiments.plate import DOT_MM, PITCH_MM, captured_mm, see_plate
+from kilnflight.camera import calibrate_points
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.background import Background, Surroundings
@@ -119,17 +118,6 @@ def test_the_lance_is_seen_at_its_published_pixel_and_every_ray_meets_wall_or_pl
     np.testing.assert_allclose(radius[~plate], 0.7, atol=1e-6)
     assert (radius[plate] <= 0.7 + 1e-9).all()
     assert 0 < plate.sum() < plate.size
-
-
-def test_the_test_plate_is_seen_where_it_is():
-    plates = np.array(PLATE_DISTANCES_MM)
-    np.testing.assert_allclose(calibrate_depth(captured_mm(plates)), plates, atol=1e-6)
-    points = see_plate(4000.0, 500, np.random.default_rng(1), scatter=False)
-    true = points * (4000.0 / points[:, 2])[:, None]
-    inside = (np.abs(true[:, 0]) < 100) & (np.abs(true[:, 1]) < 80)
-    centre = np.round(true[inside, :2] / PITCH_MM) * PITCH_MM
-    radius = np.hypot(*(true[inside, :2] - centre).T)
-    np.testing.assert_allclose(radius, DOT_MM / 2, atol=1e-6)
 
 
 def test_the_lance_stands_where_its_points_are(twin):

@@ -29,7 +29,6 @@ from kilnflight.belt.models import (
 )
 from kilnflight.belt.online import predict_arrivals
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments.belt_2016 import PictureTracks, followed_particles
 
 Models = Sequence[tuple[str, ArrivalModel, LateralModel]]
@@ -163,51 +162,3 @@ def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame, phase: Prediction
     arrival, last = phase.observe(bodies).arrival, followed_particles(pictured, bodies)
     truth = last["truth"].where(last["truth"].isin(arrival["particle"]), -1)
     return Entering(last, truth.to_numpy(), arrival, phase.target_mm)
-
-
-def compare_bars(
-    entering: Entering,
-    bars: Sequence[ValveBar],
-    seed: int,
-    blown: float,
-    models: Models = VALVE_MODELS,
-) -> pd.DataFrame:
-    """Return hits and co-deflections, one row per model and bar (notebook 45).
-
-    The earlier half of the particles calibrates, the later half is reported.
-
-    Parameters
-    ----------
-    entering
-        Tracks and arrivals, from `of_bodies` or `of_pictures`.
-    bars
-        Settings of the valves.
-    seed, blown
-        Seed and share of the particles to be blown out, as in `draw_lots`.
-    models
-        Name, arrival model and lateral model of each combination.
-
-    Returns
-    -------
-    DataFrame
-        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``delay_ms``;
-        ``hit_percent`` of the particles to be blown out, ``inadvertent_percent`` of the others;
-        ``lateral_q95_mm``, within which 95 % of the places are predicted; ``missed_percent`` of
-        the particles, without a prediction.
-    """
-    (first, second), rows = entering.halves(), []
-    known = second.rows >= 0
-    y = second.arrival["y"].to_numpy()[second.rows[known]]
-    for name, when, where in first.fit(models):
-        predicted = second.predict(when, where)
-        lots = draw_lots(second, predicted, blown, seed)
-        lateral = np.nanquantile(np.abs(predicted["y"].to_numpy()[known] - y), 0.95)
-        for bar in bars:
-            shares = bar(*lots)
-            row = {"model": name, "valves": bar.valves, "valve_mm": bar.width_mm}
-            row |= {"open_ms": 1000 * bar.open_s, "delay_ms": round(1000 * bar.delay_s, 6)}
-            row |= {"hit_percent": 100 * shares.hit_share}
-            row |= {"inadvertent_percent": 100 * shares.inadvertent_share}
-            row |= {"lateral_q95_mm": float(lateral)}
-            rows.append(row | {"missed_percent": 100 * second.missed_share})
-    return pd.DataFrame(rows)

@@ -6,17 +6,13 @@ tables of `detection` -> rates by subset and class beside the publication -> fra
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError
 from kilnflight.detection import DoG, Polygon
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.wall import Cylinder, fit_cylinder
 from kilnflight.experiments.detection import (
     COUNTS,
     Subset,
@@ -27,7 +23,6 @@ from kilnflight.project import claims
 from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import truth
-from kilnflight.twin.geometry import Geometry
 
 RATES = ["precision", "recall", "f1"]
 
@@ -142,52 +137,6 @@ def classification_table(
     both = pd.concat([table, table.assign(subset="Total")]).groupby(keys, sort=False)
     counts = both[list(COUNTS)].sum().reset_index()
     return pd.concat([counts, rates(*(counts[count] for count in COUNTS))], axis=1)
-
-
-def cylinder_table(
-    walls: Mapping[str, npt.NDArray[np.float64]], seed: int, geometry: Geometry
-) -> tuple[Cylinder, pd.DataFrame]:
-    """Fit a cylinder to each subset's wall points (Table 5.12).
-
-    Parameters
-    ----------
-    walls
-        Points on the wall (n, 3) in mm by subset, from `detection.wall_points`.
-    seed
-        Seed of the fit.
-    geometry
-        True axis and radius of the kiln.
-
-    Returns
-    -------
-    first : Cylinder
-        The fit of the first subset.
-    table : DataFrame
-        ``subset``, ``radius_mm``, ``radius_true_mm``, ``radius_published_mm``,
-        ``direction_off_deg`` from the true axis, ``inliers`` (number of points), ``rms_mm``. Fitted
-        values are NaN where most points lie on no cylinder.
-
-    Raises
-    ------
-    InputError
-        If the points of the first subset lie on no cylinder.
-    """
-    fits: dict[str, Cylinder] = {}
-    for name, points in walls.items():
-        try:
-            fits[name] = fit_cylinder(points, seed)
-        except InputError:
-            if not fits:
-                raise
-    rows = [asdict(fit) for fit in fits.values()]
-    table = pd.DataFrame(rows, index=list(fits))[["radius_mm", "inliers", "rms_mm"]]
-    along = [abs(np.dot(fit.direction, geometry.axes[0])) for fit in fits.values()]
-    table.insert(1, "direction_off_deg", np.degrees(np.arccos(np.minimum(along, 1.0))))
-    table = table.astype({"inliers": "Int64"}).reindex(list(walls))
-    printed = claims.published("table_5.12").set_index("quantity")["value_mm"]["Radius"]
-    table.insert(1, "radius_true_mm", geometry.kiln_radius_mm)
-    table.insert(2, "radius_published_mm", float(printed))
-    return next(iter(fits.values())), table.rename_axis("subset").reset_index()
 
 
 def resampled_rates(table: pd.DataFrame, seed: int, draws: int = DRAWS) -> dict[str, pd.DataFrame]:
