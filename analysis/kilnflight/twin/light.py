@@ -34,12 +34,12 @@ class Optics:
     exposure_s: float = SHUTTER_S  # 6 ms for PE granules (sec. 5.2.3)
     read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
     shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
-    paper: float = 1.35  # median level of unlit paper over the wall's
-    paper_spread: float = 0.53  # of its logarithm
-    flame: float = 2.1  # of a thick flame over full scale
-    thick_mm: float = 4.4  # diameter of a flame by which light falls to 1/e
-    gas_mm: float = 3.1  # radius of the burning gas around a particle
-    flame_softness: float = 0.53  # width of its edge over its radius
+    paper: float = 1.33  # median level of unlit paper over the wall's
+    paper_spread: float = 0.58  # of its logarithm
+    flame: float = 2.3  # of a thick flame over full scale
+    thick_mm: float = 3.5  # diameter of a flame by which light falls to 1/e
+    gas_mm: float = 3.4  # radius of the burning gas around a particle
+    flame_softness: float = 0.56  # width of its edge over its radius
     # Median levels over the wall's. They are darker than the wall, "relatively dark" (sec. 5.2.4),
     # and lighter than the inlet plate before which they were marked by hand (Table 5.15).
     bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.6), ("PE granule", 0.7))
