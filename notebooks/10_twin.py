@@ -109,7 +109,7 @@ lights = {
 overexposed, flickering = {}, {}
 twin, background = prepared[-1]
 for name, light in lights.items():
-    counts = light_fit.compare(light_fit.count(prepared[-1:], light, [80]))
+    counts = light_fit.compare(light_fit.count(prepared, light, [80]))
     overexposed[name] = float(counts["ours"].iloc[-1])
     noted = truth.noted(light_fit.with_light(twin, light), range(60, 101, 5)).query("label == 3")
     missed = noted["noted_row"].isna().groupby(noted["particle"]).mean()
