@@ -66,7 +66,7 @@ measured = {
 
 # %%
 velocities = {key: recordings.estimate_velocity(part, key[1]) for key, part in pixels.items()}
-speeds = pd.DataFrame(velocities.values(), list(velocities))
+speeds = pd.DataFrame(velocities.values(), list(velocities), recordings.BeltVelocity._fields)
 speeds["m_per_s"] = speeds["px_per_frame"] * MM_PER_PX / REAL_FRAME_S / 1000
 speeds
 
@@ -153,6 +153,7 @@ def judge(pairs):
     ]
 
 
+# %%
 pairs = contrast(observed, phase)
 if files:
     pairs_of = pairs[pairs["id"] == "belt20-22"]

@@ -279,6 +279,7 @@ def judge(table, first, falls, numbers):
     return [claims.check(name, holds[name], *told) for name, told in found.items()]
 
 
+# %%
 checks = judge(*ours)
 off = {name: flights.ends(each["error"], "{:+.3f}") for name, each in medians.items()}
 compared = [

@@ -245,6 +245,7 @@ def judge(apart, lag, change, numbers):
     return [claims.check(name, holds[name], *told) for name, told in found.items()]
 
 
+# %%
 checks = judge(*ours)
 off = {value: flights.ends(errors, "{:+.1f}") for value, errors in first.groupby("value")["error"]}
 compared = [
