@@ -98,13 +98,10 @@ reached
 # levels that stay for a whole flight (T7).
 
 # %%
-thin = {"flame": 1.04, "thick_mm": 1.25, "gas_mm": 1.6, "flame_softness": 0.35}
-long = {"tail_s": 2.5e-3, "longest_tail_mm": 10.0, "curl": 0.4}
+others = {"ours": "base", "D6": "thin-flames", "D8": "dark-bodies", "T7": "steady-bodies"}
 lights = {
-    "ours": Optics(),
-    "D6": replace(Optics(), **thin, **long),
-    "D8": replace(Optics(), bodies=(("wood chip", 0.36), ("PE granule", 0.45))),
-    "T7": replace(Optics(), tumble=0.0),
+    name: scenes.SCENARIOS[scenario](prepared[-1][0].scene).optics
+    for name, scenario in others.items()
 }
 overexposed, flickering = {}, {}
 twin, background = prepared[-1]
@@ -118,9 +115,8 @@ for name, light in lights.items():
 
 # %%
 spots = {}
-for name, number in (("ours", twin.scene.surroundings.clutter), ("D9", 0.0)):
-    around = replace(twin.scene.surroundings, clutter=number)
-    empty = Twin(replace(twin.scene, surroundings=around))
+for name, scenario in (("ours", "base"), ("D9", "no-clutter")):
+    empty = Twin(scenes.SCENARIOS[scenario](twin.scene))
     frames = np.array([empty.empty(t) for t in range(0, 160, 10)])
     spots[name] = len(DoG(500.0)(np.maximum(frames[8] - np.median(frames, axis=0), 0.0)))
 seen = "unlit particles noted now and then; share of sightings noted"

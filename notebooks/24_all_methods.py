@@ -39,13 +39,17 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 
 # %% [markdown]
-# Five readings, of which the first is ours:
+# Nine readings, of which the first is ours. Four change a method:
 #
 # - **D1**: r of Eq. 2.28 is 10, as Lowe takes it.
 # - **D2**: the difference from the median background is absolute, so that dark particles stay.
 # - **D4**: a keypoint and a cluster belong together where the keypoint's disc meets a pixel of the
 #   cluster, not its rectangle.
 # - **D5**: keypoints of any size count, not only those up to 90 px in diameter.
+#
+# Four more change the simulation: flames are thin, long and not overexposed (**D6**), errors of the
+# wall's depth are narrow (**D7**), chips and granules are darker than the inlet plate (**D8**),
+# nothing but particles is lighter than the background (**D9**).
 
 # %%
 any_size = 10_000.0  # px, wider than a frame
@@ -58,15 +62,35 @@ readings = {
     "D4": (subsets, Combination(rectangular=False)),
     "D5": (subsets, Combination(largest_px=any_size)),
 }
-parts, known = [], {subset.name: {} for subset in subsets}  # clusters, which all readings share
-for reading, (seen, rule) in readings.items():
+scenarios = {
+    "D6": "thin-flames",
+    "D7": "shredded-wall",
+    "D8": "dark-bodies",
+    "D9": "no-clutter",
+}
+
+
+# %%
+def detect(seen, rule, known):
+    """Return the attempts of eleven methods; ``known`` keeps the clusters of each subset."""
+    parts = []
     threshold = detection.chosen_thresholds(detection.compare_thresholds(seen, scale, rule))
     for subset in seen:
         sift = replace(rule.detector, threshold=float(threshold[subset.name]))
         own, roi = replace(rule, detector=sift), subset.recording.attributes.roi
-        methods = detection.table_5_11_methods(own, roi, known[subset.name])
-        parts.append(detection.run([subset], methods).assign(reading=reading))
-every = pd.concat(parts, ignore_index=True)
+        clusters = known.setdefault(subset.name, {})
+        methods = detection.table_5_11_methods(own, roi, clusters)
+        parts.append(detection.run([subset], methods))
+    return pd.concat(parts)
+
+
+known, attempted = {}, {}
+for reading, (seen, rule) in readings.items():
+    attempted[reading] = detect(seen, rule, known)
+for choice, scenario in scenarios.items():
+    simulated = detection.labelled_subsets(scale, seed, frames, scenario)
+    attempted[choice] = detect(simulated, Combination(), {})
+every = pd.concat(attempted, names=["reading"]).reset_index("reading").reset_index(drop=True)
 attempts = every[every["reading"] == "ours"]
 
 # %% [markdown]

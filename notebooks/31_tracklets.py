@@ -26,9 +26,12 @@ import pandas as pd
 
 from kilnflight import tracklets
 from kilnflight.experiments import campaigns, plots, post_processing, tracking
+from kilnflight.experiments import tracking_scores as scores
 from kilnflight.project import choices, claims, figures, style
+from kilnflight.scores import score_tracks
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.eliminate import mean_speed, regularity
+from kilnflight.tracklets.joining import Joining, hungarian
 from kilnflight.tracklets.paths import read_paths
 from kilnflight.tracklets.texture import window_corners
 
@@ -45,8 +48,42 @@ pair = [window for window in windows if window.fraction in ("wood chip", "paper 
 # difference of alpha, tracks from the lance, with its 95 % interval (bootstrap over tracks).
 
 # %%
-steps, tracks_by_step = post_processing.compare_steps(pair)
-matched = post_processing.compare_matchings(windows)
+rows, tracks_by_step = [], {}
+for window in pair:
+    stages = {"tracker": track(window.detections)}
+    for step in tracklets.STEPS:
+        before = list(stages.values())[-1]
+        stages[type(step).__name__] = step(before, window.differences)
+    tracks_by_step[window.fraction] = stages
+    for name, each in stages.items():
+        kept = tracklets.tracked(each)
+        row = {"fraction": window.fraction, "step": name}
+        row |= {"tracks": kept["particle"].nunique(), "positions": len(kept)}
+        measures = scores.measures_of(score_tracks(window.truth, each, scores.GATE_PX))
+        rows.append(row | {measure: measures[measure] for measure in scores.MEASURES})
+steps = pd.DataFrame(rows)
+
+# %% [markdown]
+# In both steps that join tracklets the Hungarian method replaces dual nearest neighbours.
+
+# %%
+ways = {"dual nearest": tracklets.STEPS}
+ways["Hungarian"] = [
+    replace(step, matching=hungarian) if isinstance(step, Joining) else step
+    for step in tracklets.STEPS
+]
+finished = {
+    (window.fraction, name): {
+        "with": tracklets.postprocess(track(window.detections), window.differences, each)
+    }
+    for window in windows
+    for name, each in ways.items()
+}
+found, apart = tracking.cells(windows, finished), "Hungarian - dual nearest"
+names = [*(window.fraction for window in windows), scores.MEAN]
+matched = pd.DataFrame([scores.difference(found, (name, apart, "with"), "alpha") for name in names])
+names = {"tracker": "step", "recomputed": "alpha", "low": "alpha_low", "high": "alpha_high"}
+matched = matched.rename(columns=names)[["fraction", *names.values()]]
 caption = "Measures of all tracks after each step, and what the Hungarian method changes in alpha."
 changed = matched.rename(columns=lambda name: name.replace("alpha", "alpha_difference"))
 table = pd.concat([steps, changed]).astype({"tracks": "Int64", "positions": "Int64"})

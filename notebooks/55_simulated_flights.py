@@ -29,7 +29,7 @@ from scipy import stats
 
 from kilnflight.experiments import campaigns, plots
 from kilnflight.project import figures, style
-from kilnflight.scores.flights import METRES
+from kilnflight.scores.flights import METRES, outcomes
 from kilnflight.twin import truth
 from kilnflight.twin.flights import ENDS, LONGEST_S, released
 from kilnflight.twin.geometry import Geometry
@@ -176,7 +176,11 @@ figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance
 
 # %%
 picture = plots.draw_velocity_boxes(sources, list(simulated))
-tables = {name: campaigns.outcome_table(values) for name, values in sources.items()}
+tables = {}
+for name, values in sources.items():
+    every = {key: outcomes(each).to_dict() for key, each in values.items()}
+    tables[name] = campaigns.rows_by_campaign(every)
+    tables[name].insert(2, "particles", [len(each.ignition_s) for each in values.values()])
 data = pd.concat(tables, names=["source"]).reset_index("source")
 data = data.filter(regex="^(source|fraction|pressure|particles|velocity|remaining|spread)")
 caption = (

@@ -6,7 +6,7 @@ from kilnflight import background, kiln
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder
-from kilnflight.experiments import detection, detection_tables
+from kilnflight.experiments import detection, detection_tables, sift_row
 from kilnflight.project import claims
 from kilnflight.twin import truth
 
@@ -75,7 +75,7 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
 def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subset):
     """The total row adds what DoG finds at the two thresholds; the misfit is from print."""
     pair = [subset, subset._replace(name="V5", frames=(76,), cache={})]
-    table = detection_tables.edge_table(pair, "quick", (2.0, 10.0)).set_index(["edge", "subset"])
+    table = sift_row.edge_table(pair, "quick", (2.0, 10.0)).set_index(["edge", "subset"])
     for edge in (2.0, 10.0):
         one = table.loc[edge]
         for name, own in zip(("V3", "V5"), pair, strict=True):

@@ -43,8 +43,8 @@ from kilnflight.ignition import Ignition
 from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
-from kilnflight.scores.flights import METRES, FlightValues, outcomes
-from kilnflight.tables import AXES, TRAJECTORIES
+from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.fuel import FRACTIONS
 from kilnflight.twin.scene import Twin
@@ -388,20 +388,6 @@ def flight_values(
     return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost)
 
 
-def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
-    """Return the quantities of section 5.3, one row per campaign.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, number of ``particles``, and the entries of
-        `kilnflight.scores.flights.outcomes`, whose names carry the unit.
-    """
-    table = rows_by_campaign({key: outcomes(each).to_dict() for key, each in values.items()})
-    table.insert(2, "particles", [len(each.ignition_s) for each in values.values()])
-    return table
-
-
 def fits_from_lance(
     tables: Measurement, key: CampaignKey, most: int
 ) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
@@ -415,29 +401,3 @@ def fits_from_lance(
     )
     fits = regression.fits(trajectories.sort_values("particle").head(most)[TRAJECTORIES.names])
     return fits, tracks[tracks["particle"].isin(fits)]
-
-
-def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
-    """Return how well polynomials of orders 2 to 7 fit each trajectory, by axis (Fig. 4.23).
-
-    The first ``most`` trajectories from the lance of each campaign are fitted with one order along
-    all axes. Trajectories too short for order 7 are left out, so all orders have the same ones.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``particle``, ``order``, ``axis`` (x, y, z), ``rmse_mm``,
-        ``mape_percent``, ``r2`` and ``r2_adjusted``.
-    """
-    orders, columns, rows = range(2, 8), list(regression.AXIS_MEASURES), []
-    for campaign in results.campaigns:
-        fits, tracks = fits_from_lance(results.tables, campaign.key, most)
-        rate = campaign.run.frame_rate_hz
-        methods = {order: regression.Regression(lowest=order, highest=order) for order in orders}
-        long = [k for k, fit in fits.items() if fit.points >= methods[orders[-1]].fewest]
-        for particle, order in product(long, orders):
-            track = tracks[tracks["particle"] == particle]
-            fit = regression.regress(track, fits[particle].exit_point_mm, rate, methods[order])
-            measures = zip(AXES, *(getattr(fit, name) for name in columns), strict=True)
-            rows += [(*campaign.key, particle, order, *of_axis) for of_axis in measures]
-    return pd.DataFrame(rows, columns=[*KEYS, "particle", "order", "axis", *columns])

@@ -5,18 +5,15 @@ tables of `detection` -> rates by subset and class beside the publication -> fra
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.detection import DoG, Polygon
-from kilnflight.detection.combination import Combination
+from kilnflight.detection import Polygon
 from kilnflight.experiments.detection import (
     COUNTS,
-    Subset,
-    compare_thresholds,
     sum_counts,
 )
 from kilnflight.project import claims
@@ -46,31 +43,6 @@ def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
     keys = [key for key in ("subset", "method") if key in printed]
     printed = printed[[*keys, *RATES]].rename(columns={rate: f"{rate}_published" for rate in RATES})
     return table.merge(printed, how="left", on=keys)
-
-
-def edge_table(subsets: list[Subset], scale: str, edges: Iterable[float]) -> pd.DataFrame:
-    """Return Table 5.6 of SIFT for each r of Eq. 2.28, beside print.
-
-    Its total row identifies r, and with it what the simulation holds of faint false particles.
-
-    Returns
-    -------
-    DataFrame
-        ``edge``, the columns of `with_total` and `beside_published`, ``fp_published`` (of ten
-        frames a subset), and ``misfit``: both deviations from print as one length, F1 in
-        hundredths, false detections in standard deviations of their number.
-    """
-    parts = []
-    for edge in edges:
-        tried = compare_thresholds(subsets, scale, Combination(DoG(edge=edge)))
-        parts.append(tried[tried["chosen"]].assign(edge=edge))
-    table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
-    table = beside_published(table, "table_5.6")
-    printed = claims.published("table_5.6").set_index("test_set")["FP"]
-    printed["Total"] = printed.drop("Total").sum()  # the cells of this row are shifted in print
-    table["fp_published"] = table["subset"].map(printed)
-    more = 2 * (np.sqrt(table["fp"]) - np.sqrt(table["fp_published"]))
-    return table.assign(misfit=np.hypot(100 * (table["f1"] - table["f1_published"]), more))
 
 
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:

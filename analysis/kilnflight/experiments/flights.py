@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array
-from kilnflight.experiments.campaigns import KEYS, CampaignKey, Measurement, from_lance
+from kilnflight.experiments.campaigns import KEYS, CampaignKey
 from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (
@@ -246,40 +246,3 @@ def if_complete(
     """
     whole = len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR) and min(numbers) >= LEAST_FLIGHTS
     return {claim: answer if whole else None for claim, answer in answers.items()}
-
-
-def regression_table(tables: Measurement, generator: np.random.Generator) -> pd.DataFrame:
-    """Return measures of the fits beside Table 5.18, a row per fraction and axis.
-
-    Parameters
-    ----------
-    tables
-        Tables of all campaigns; both pressures count together.
-    generator
-        Of the bootstrap; its state stays as it was.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``axis`` (x, y, z); ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``:
-        medians over the accepted trajectories from the lance; ``tracks``, their number; each
-        measure with ``_published``, ``_low`` and ``_high`` (95 % interval).
-    """
-    fitted = from_lance(tables, "trajectories")
-    printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])["value"]
-    printed = printed.rename(lambda name: name.lower().rstrip("s"), level="fraction")
-    printed = printed.rename(str.lower, level="measure")
-    rows = []
-    for fraction in tables.trajectories["fraction"].unique():
-        part = fitted[fitted["fraction"] == fraction]
-        for axis in "xyz":
-            fits = {name: part[column.format(axis)] for column, name in FIT_MEASURES.items()}
-            row = {"fraction": fraction, "axis": axis}
-            row |= {name: values.median() for name, values in fits.items()}
-            row["tracks"] = len(part)
-            row |= {f"{name}_published": printed[fraction.lower(), axis, name] for name in fits}
-            for name, values in fits.items():
-                ends = interval_columns(median_of(values, generator))
-                row |= {f"{name}_{side}": ends[side] for side in ("low", "high")}
-            rows.append(row)
-    return pd.DataFrame(rows)

@@ -31,7 +31,6 @@ from kilnflight.experiments.tracking_scores import (
     Scored,
     score_cell,
     tabulate,
-    true_from_lance,
 )
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
@@ -234,34 +233,6 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
     }
     parts.append(tabulate(cells(windows, links).values()).assign(input="detections"))
     return pd.concat(parts, ignore_index=True)
-
-
-def window_table(windows: Iterable[Window]) -> pd.DataFrame:
-    """Return the numbers of each window, one row per fraction (Table 5.15).
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``first_frame``; numbers of ``frames``, true ``trajectories``, of which
-        ``trajectories_from_lance`` are scored, visible and noted true ``positions``,
-        ``detections``, of which ``of_no_particle`` (paired with no visible true position within
-        10 px).
-    """
-    rows = []
-    for window in windows:
-        scored = true_from_lance(window.truth, window.lance)
-        row = {"fraction": window.fraction, "first_frame": window.frames.start}
-        row |= {
-            "frames": len(window.frames),
-            "trajectories": window.truth["particle"].nunique(),
-            "trajectories_from_lance": scored["particle"].nunique(),
-            "positions_visible": len(window.visible),
-            "positions": len(window.truth),
-            "detections": len(window.detections),
-            "of_no_particle": (true_particles(window.detections, window.visible) < 0).sum(),
-        }
-        rows.append(row)
-    return pd.DataFrame(rows)
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
