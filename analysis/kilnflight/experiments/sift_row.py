@@ -5,7 +5,7 @@ identify them; so the row tests nothing.
 
     python -m kilnflight.experiments.sift_row
 
-tries all `EDGES` and `CLUTTER` on the 50 labelled frames of two seeds, and writes
+tries all `EDGES` and `CLUTTER` on the 50 labelled frames of three seeds, and writes
 data/reference/sift_row.csv, the best first.
 """
 
@@ -29,9 +29,9 @@ from kilnflight.project.cache import write_whole
 from kilnflight.twin import truth
 from kilnflight.twin.scene import Twin
 
-EDGES = (10.0, 20.0, 25.0, 30.0, 35.0, 40.0)  # r
-CLUTTER = (1500.0, 2000.0, 2500.0, 3000.0)  # mean grey value of a spot
-SEEDS = (0, 1)
+EDGES = (10.0, 20.0, 30.0, 40.0, 50.0)  # r
+CLUTTER = (3000.0, 3500.0, 4000.0)  # mean grey value of a spot
+SEEDS = (0, 1, 2)
 
 
 def with_clutter(subset: detection.Subset, gray: float) -> detection.Subset:
@@ -87,7 +87,7 @@ def identify(
 
 
 def main() -> None:
-    """Identify r and clutter on two seeds; print all pairs and keep them."""
+    """Identify r and clutter on three seeds; print all pairs and keep them."""
     parts = [
         identify(detection.labelled_subsets("full", seed), "full", EDGES, CLUTTER).assign(seed=seed)
         for seed in SEEDS
