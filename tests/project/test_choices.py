@@ -1,10 +1,11 @@
 import re
+import subprocess
 
 import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import choices, claims, figures
+from kilnflight.project import choices, claims, figures, paths
 from kilnflight.project.figures import Provenance
 
 MADE = Provenance("00_claims")
@@ -93,3 +94,21 @@ def test_a_number_that_identified_a_choice_tests_no_claim():
     for number in named:
         testing = tested[[number in each.split("; ") for each in tested]]
         assert testing.empty, f"{number} is an input, but tests {', '.join(testing.index)}"
+
+
+def test_the_hash_of_each_frozen_input_is_that_of_its_commit():
+    freezes = pd.read_csv(paths.reference() / "freezes.csv", dtype=str)
+    assert freezes["step"].is_monotonic_increasing
+    known = git("cat-file", "--batch-check", text="\n".join(freezes["commit"]))
+    if "missing" in known:
+        pytest.skip("this clone is shallow: it lacks the commits of the freezes")
+    for _, row in freezes.iterrows():
+        assert git("rev-parse", f"{row['commit']}:{row['input']}").startswith(row["hash"])
+
+
+def git(*command, text=None):
+    folder = paths.root()
+    done = subprocess.run(
+        ["git", *command], cwd=folder, input=text, capture_output=True, text=True, check=False
+    )
+    return done.stdout if done.returncode == 0 else "missing"
