@@ -105,7 +105,7 @@ def undecided(comparisons: Iterable[Mapping[str, Any]]) -> dict[str, str]:
 def opened(
     verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return verdicts, of which those that turn with an undecided choice are open."""
+    """Return verdicts, open where they turn with an undecided choice."""
     turning = undecided(comparisons)
     rows = []
     for row in verdicts:
