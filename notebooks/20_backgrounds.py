@@ -27,7 +27,6 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import background, kiln
-from kilnflight.detection import DoG
 from kilnflight.experiments import detection, detection_tables, plots
 from kilnflight.project import choices, claims, figures, style
 
@@ -114,7 +113,7 @@ figures.save("table-5-4-parameters", parameters, caption=caption, provenance=ori
 # used in the other notebooks.
 
 # %%
-fixed = DoG().threshold  # of Fig. 5.4, grey values
+fixed = detection.sift().threshold  # of Fig. 5.4, grey values
 methods = detection.from_thresholds([*detection.tried_thresholds(scale), fixed])
 readings = {"stops at zero": False, "absolute": True}
 parts, tuned_parts = [], []
@@ -175,7 +174,7 @@ figures.save("fig-5-4-background", table, picture=picture, caption=caption, prov
 
 # %%
 _, view = next(detection.subset_views(subset))  # without the burner's flame, as it is scored
-keypoints = DoG(fixed)(view.foreground)
+keypoints = detection.sift(fixed)(view.foreground)
 size = {"width_mm": 120, "height_mm": 92}
 picture = plots.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])

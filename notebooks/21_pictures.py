@@ -44,7 +44,7 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 otsu = detection.run(subsets, {"Otsu": detection.from_foreground(Otsu())})
 tried = detection.compare_thresholds(subsets, scale)
 thresholds = {*detection.tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
-single = {value: detection.from_foreground(DoG(float(value))) for value in thresholds}
+single = {value: detection.from_foreground(detection.sift(float(value))) for value in thresholds}
 few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
 times = detection.run(few, single).rename(columns={"method": "threshold"})
 seconds = times.groupby(["subset", "threshold"])["seconds"].median()
@@ -167,8 +167,8 @@ absolute = replace(detection.BACKGROUNDS[scale], absolute=True)
 darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
 with_other = {
     "D1": both_with(Combination(DoG(edge=10.0))),
-    "D2": both_with(Combination(), darker),
-    "D5": both_with(Combination(largest_px=any_size)),
+    "D2": both_with(detection.OURS, darker),
+    "D5": both_with(replace(detection.OURS, largest_px=any_size)),
 }
 
 # %%

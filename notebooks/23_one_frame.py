@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import camera
-from kilnflight.detection import DoG, combination
+from kilnflight.detection import combination
 from kilnflight.detection.combination import potential_particles, take_clusters
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
@@ -72,7 +72,7 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 
 # %%
 labels = combination.second_pass(view.xyz, *detection.PASSES["DBSCAN"])
-keypoints = DoG(threshold)(view.foreground)
+keypoints = detection.sift(threshold)(view.foreground)
 keypoints = combination.no_larger(keypoints)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = combination.sort_clusters(view.pixels, view.xyz, labels)

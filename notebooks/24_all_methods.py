@@ -56,11 +56,11 @@ any_size = 10_000.0  # px, wider than a frame
 absolute = replace(detection.BACKGROUNDS[scale], absolute=True)
 darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
 readings = {
-    "ours": (subsets, Combination()),
+    "ours": (subsets, detection.OURS),
     "D1": (subsets, Combination(DoG(edge=10.0))),
-    "D2": (darker, Combination()),
-    "D4": (subsets, Combination(rectangular=False)),
-    "D5": (subsets, Combination(largest_px=any_size)),
+    "D2": (darker, detection.OURS),
+    "D4": (subsets, replace(detection.OURS, rectangular=False)),
+    "D5": (subsets, replace(detection.OURS, largest_px=any_size)),
 }
 scenarios = {
     "D9": "no-clutter",
@@ -90,7 +90,7 @@ for reading, (seen, rule) in readings.items():
 fewer = {"quick": 1, "standard": 2}.get(scale)  # of the simulations in a reduced run
 for choice, scenario in list(scenarios.items())[:fewer]:
     simulated = detection.labelled_subsets(scale, seed, frames, scenario)
-    attempted[choice] = detect(simulated, Combination(), {})
+    attempted[choice] = detect(simulated, detection.OURS, {})
 every = pd.concat(attempted, names=["reading"]).reset_index("reading").reset_index(drop=True)
 attempts = every[every["reading"] == "ours"]
 

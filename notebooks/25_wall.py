@@ -24,7 +24,6 @@ import pandas as pd
 from scipy.stats import norm
 
 from kilnflight.checks import InputError
-from kilnflight.detection import DoG
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection, detection_tables, identified, plots
@@ -111,7 +110,9 @@ figures.save("fig-3-10-cylinder", table, picture=picture, caption=caption, prove
 
 # %%
 best = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
-detectors = {name: Combination(DoG(float(threshold))) for name, threshold in best.items()}
+detectors = {
+    name: Combination(detection.sift(float(threshold))) for name, threshold in best.items()
+}
 marked, detected = detection.positions(subsets, detectors, fit)
 placed = marked.dropna(subset="distance_mm")
 on_wall, distance = placed["label"] == 4, placed["distance_mm"]

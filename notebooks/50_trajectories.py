@@ -27,10 +27,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
+from kilnflight import regression
 from kilnflight.experiments import campaigns, flights, plots, variants
 from kilnflight.experiments.campaigns import KEYS, REASONS
 from kilnflight.project import choices, claims, figures, style
 from kilnflight.regression import AXIS_MEASURES, Regression, regress
+from kilnflight.tables import TRAJECTORIES
 
 FEW_POINTS = 15  # two for each unknown of Eq. 4.29; our choice
 
@@ -112,14 +114,24 @@ figures.save("table-5-18-regression", measures, caption=caption, provenance=orig
 # Section 4.3 raises the orders from 2 to 6 until "the measures" improve by less than 1 %: here an
 # order more must improve all four. Above order 6, it says, the accuracy "even slightly decreases".
 
+
 # %%
+def first_fits(tables, key, most):
+    """Return the fits of a campaign's first tracks from the lance, and their detections."""
+    flown = campaigns.from_lance(tables, "trajectories")
+    flown = campaigns.of_campaign(flown, key).sort_values("particle").head(most)
+    first = regression.fits(flown[TRAJECTORIES.names])
+    tracks = campaigns.of_campaign(campaigns.from_lance(tables, "tracks"), key)
+    return first, tracks[tracks["particle"].isin(first)]
+
+
 rows = []
 for campaign in results.campaigns:  # the first forty trajectories that allow order 7
-    fits, tracks = campaigns.fits_from_lance(results.tables, campaign.key, 40)
+    first, tracks = first_fits(results.tables, campaign.key, 40)
     methods = {order: Regression(lowest=order, highest=order) for order in range(2, 8)}
-    long = [k for k, fit in fits.items() if fit.points >= methods[7].fewest]
+    long = [k for k, fit in first.items() if fit.points >= methods[7].fewest]
     for particle, order in product(long, methods):
-        flown, exit_mm = tracks[tracks["particle"] == particle], fits[particle].exit_point_mm
+        flown, exit_mm = tracks[tracks["particle"] == particle], first[particle].exit_point_mm
         fit = regress(flown, exit_mm, campaign.run.frame_rate_hz, methods[order])
         for k, axis in enumerate("xyz"):
             row = (*campaign.key, particle, order, axis)
@@ -173,12 +185,12 @@ plt.close(picture)
 keys = [each.key for each in results.campaigns if each.pressure_bar == 4.5][:2]
 shown = [tables.tracks.head(0)]
 for column, key in enumerate(keys):
-    fits, tracks = campaigns.fits_from_lance(tables, key, 8)
+    first, tracks = first_fits(tables, key, 8)
     shown.append(tracks.sort_values("particle", kind="stable"))
     for row, title in enumerate(("detections (thin) and fits", "grey values")):
         axes = picture.add_subplot(2, 2, 1 + column + 2 * row, projection="3d")
         for k, (particle, track) in enumerate(tracks.groupby("particle")):
-            fit, colour = fits[particle], style.COLOURS[1 + k % 6]
+            fit, colour = first[particle], style.COLOURS[1 + k % 6]
             way = plots.upright(fit(np.linspace(fit.t0, fit.last_s, 60)))
             axes.plot(*way, color=colour, lw=1.4, ls="-")
             seen = track.dropna(subset="z").sort_values("frame")

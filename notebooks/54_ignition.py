@@ -85,7 +85,23 @@ figures.save(
 # has no step.
 
 # %%
-table = ignition.detection_rates(both, keys)
+rows = []
+for key in keys:
+    error = accuracy.errors(campaigns.of_campaign(both, key))
+    row = {"fraction": key[0], "pressure_bar": key[1]}
+    row["detected_particles"] = error["detected_particles"]
+    for rate, kind in (("hit", "lit"), ("false_alarm", "unlit")):
+        row[kind] = int(error[kind])
+        row[f"{kind}_detected"] = int(error[f"{kind}_detected"])
+        share = intervals.share(row[f"{kind}_detected"], row[kind])
+        for end, value in flights.interval_columns(share).items():
+            row[f"{rate}_percent_{end}"] = round(100 * value, 2)
+    row["time_error_n"] = error["ignition_s_n"]
+    row["time_error_median_s"] = error["ignition_s_bias"]
+    row["time_error_spread_s"] = error["ignition_s_spread"]
+    rows.append(row)
+table = pd.DataFrame(rows)
+table.columns = table.columns.str.replace("_estimate", "")
 caption = (
     "Detected particles that truly ignite in flight (lit) and that do not (unlit), and in how many "
     "of them ignition is detected, with 95 % intervals (Wilson). Only papers are tested. Last: "

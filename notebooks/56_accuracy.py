@@ -20,11 +20,14 @@ jobs = 2  # processes
 
 # %%
 import numpy as np
+import pandas as pd
 
 from kilnflight.experiments import accuracy, campaigns, plots, trackers, tracking
 from kilnflight.experiments.campaigns import KEYS
+from kilnflight.experiments.tracking_scores import STAGES, tabulate
 from kilnflight.project import figures, style
 from kilnflight.scores.flights import quartiles
+from kilnflight.tracklets import tracked
 
 # %%
 style.use_style()
@@ -116,7 +119,32 @@ figures.save("accuracy-steps", data, picture=picture, caption=caption, provenanc
 # %%
 settings = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, settings, seed, jobs=jobs)
-table = tracking.ablate(windows, {name: trackers.chosen(name) for name in ("GNN", "JPDA")})
+both = {name: trackers.chosen(name) for name in ("GNN", "JPDA")}
+linked = [
+    window.detections.assign(particle=tracking.true_particles(window.detections, window.truth))
+    for window in windows
+]
+columns = ["frame", "row", "col", "x", "y", "z"]
+right = [tracked(each).drop(columns="particle").reset_index(drop=True) for each in linked]
+inputs = {
+    "true positions": [window.truth[columns] for window in windows],
+    "right detections only": right,
+    "detections": [window.detections for window in windows],
+}
+scored = []
+for name, positions in inputs.items():
+    replaced = [
+        window._replace(detections=table) for window, table in zip(windows, positions, strict=True)
+    ]
+    cells = tracking.cells(replaced, tracking.follow_all(replaced, both))
+    scored.append(tabulate(cells.values()).assign(input=name))
+links = {
+    (window.fraction, "links by the truth"): {STAGES[0]: tracks}
+    for window, tracks in zip(windows, linked, strict=True)
+}
+cells = tracking.cells(windows, links)
+scored.append(tabulate(cells.values()).assign(input="detections"))
+table = pd.concat(scored, ignore_index=True)
 parts = ["input", "tracker", "postprocessing"]
 mean = table.groupby(parts, sort=False)[list(plots.SYMBOLS)].mean().reset_index()
 names = mean[parts].agg(", ".join, axis=1).str.replace(", without", "")

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import ignition
+from kilnflight.experiments.accuracy import errors
 from kilnflight.ignition import Ignition
 from kilnflight.recording.files import open_any
 
@@ -35,7 +36,7 @@ def test_light_at_first_sight_is_no_ignition():
     assert count["unlit_gray"] == pytest.approx(2000.0, abs=5)
 
 
-def test_rates_of_hits_and_false_alarms():
+def test_hits_and_false_alarms_are_counted():
     both = pd.DataFrame(
         {
             "fraction": "confetti",
@@ -49,11 +50,10 @@ def test_rates_of_hits_and_false_alarms():
     )
     other = ["true_dwell_s", "measured_dwell_s", "true_velocity_m_s", "measured_velocity_m_s"]
     both = both.assign(**dict.fromkeys(other, 1.0))
-    row = ignition.detection_rates(both, [("confetti", 4.5)]).iloc[0]
+    row = errors(both)
     assert (row["lit"], row["unlit"]) == (2, 3)  # of the five that were detected
-    assert row["hit_percent"] == pytest.approx(50)
-    assert row["false_alarm_percent"] == pytest.approx(33.33)
-    assert row["time_error_median_s"] == pytest.approx(0.03)
+    assert (row["lit_detected"], row["unlit_detected"]) == (1, 1)
+    assert row["ignition_s_bias"] == pytest.approx(0.03)
 
 
 def test_the_optical_picture_keeps_the_greatest_difference_light_or_dark():

@@ -37,14 +37,21 @@ def test_each_part_is_replaced_by_the_truth():
     owner = tracking.true_particles(seen, truth)
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
-    names = ["input", "tracker", "postprocessing"]
-    table = tracking.ablate([window], {"GNN": track}).set_index(names).sort_index()
-    assert table.loc[("true positions", "GNN", "without"), "alpha"] == pytest.approx(1.0)
-    links = table.loc[("detections", "links by the truth", "without")]
+    linked = seen.assign(particle=owner)
+    right_only = linked[owner >= 0].drop(columns="particle").reset_index(drop=True)
+
+    def scored(detections):
+        replaced = [window._replace(detections=detections)]
+        found = tracking.cells(replaced, tracking.follow_all(replaced, {"GNN": track}))
+        return scores.tabulate(found.values()).set_index("postprocessing")
+
+    assert scored(truth.drop(columns="particle")).loc["without", "alpha"] == pytest.approx(1.0)
+    links = tracking.cells([window], {("confetti", "links"): {scores.STAGES[0]: linked}})
+    links = scores.tabulate(links.values()).iloc[0]
     assert links["jsc_theta"] == 1.0
     assert links["alpha"] == pytest.approx(54 / 60)
-    right = table.loc[("right detections only", "GNN", "without")]
-    before, after = (table.loc[("detections", "GNN", stage)] for stage in scores.STAGES)
+    right = scored(right_only).loc["without"]
+    before, after = (scored(seen).loc[stage] for stage in scores.STAGES)
     assert right["beta"] >= before["beta"]
     assert right["fp_tracks"] == 0
     assert after["alpha"] >= before["alpha"] > 0.85

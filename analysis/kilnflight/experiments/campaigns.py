@@ -22,11 +22,10 @@ import pandas as pd
 from kilnflight import kiln, regression
 from kilnflight.arrays import Array
 from kilnflight.checks import InputError
-from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments import detection
-from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.detection import BACKGROUNDS, sift
 from kilnflight.experiments.sources import TwinSource
 from kilnflight.flight import (
     BEHIND,
@@ -120,7 +119,7 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     threshold = float(best.max())  # of ties the highest
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = fit_cylinder(points, seed)
-    detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
+    detectors = {subset.name: Combination(sift(threshold)) for subset in subsets}
     marked, _ = detection.positions(subsets, detectors, wall)
     known = marked.dropna(subset="z")
     distance = known["distance_mm"].to_numpy()
@@ -188,7 +187,7 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
         source,
         frames.start,
         frames.stop,
-        detector=Combination(DoG(settings.threshold)),
+        detector=Combination(sift(settings.threshold)),
         background=BACKGROUNDS[scale],
         chunk=chunk,
     )
@@ -386,18 +385,3 @@ def flight_values(
     times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
     far = np.array(reached, np.float64) / 1000.0
     return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost)
-
-
-def fits_from_lance(
-    tables: Measurement, key: CampaignKey, most: int
-) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
-    """Return the first ``most`` accepted trajectories, and their detections.
-
-    The first are those of the lowest track numbers of the campaign ``key`` that start at the lance.
-    The dictionary is by track; the detections are rows of ``tables.tracks``.
-    """
-    trajectories, tracks = (
-        of_campaign(from_lance(tables, step), key) for step in ("trajectories", "tracks")
-    )
-    fits = regression.fits(trajectories.sort_values("particle").head(most)[TRAJECTORIES.names])
-    return fits, tracks[tracks["particle"].isin(fits)]

@@ -23,6 +23,7 @@ from kilnflight.detection import (
     DBSCAN,
     Clusterer,
     Detector2D,
+    DoG,
     MorphologicalClustering,
     Otsu,
     QuasiClusterCenters,
@@ -67,8 +68,18 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
 }
-OURS = Combination()
+# r of Eq. 2.28 is "user-defined" (section 2.2.3): SIFT's total row of Table 5.6 identifies it
+# (sift_row.csv)
+EDGE = 40.0
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
+
+
+def sift(threshold: float = DoG.threshold) -> DoG:
+    """Return DoG with a threshold in grey values and the identified r, `EDGE`."""
+    return DoG(threshold, edge=EDGE)
+
+
+OURS = Combination(sift())
 
 
 class Subset(NamedTuple):

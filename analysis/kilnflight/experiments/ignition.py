@@ -7,7 +7,6 @@ import pandas as pd
 
 from kilnflight import kiln
 from kilnflight.background.sliding_median import stack_median
-from kilnflight.experiments.accuracy import errors
 from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
 from kilnflight.experiments.flights import Array, interval_columns
 from kilnflight.flight import kept
@@ -16,40 +15,6 @@ from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
 
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
-
-
-def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame:
-    """Return hits and false alarms of the test of grey values, one row per campaign.
-
-    Parameters
-    ----------
-    both
-        Measured beside true, from `kilnflight.experiments.accuracy.compare_campaigns`.
-    keys
-        Fraction and pressure of the campaigns.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``detected_particles``; of these ``lit`` and ``unlit``,
-        which truly ignite in flight or not, and ``lit_detected`` and ``unlit_detected``, which are
-        measured as ignited; ``hit_percent`` and ``false_alarm_percent`` with ``_low`` and
-        ``_high`` (95 %, Wilson); ``time_error_n``, ``time_error_median_s``,
-        ``time_error_spread_s`` of the ignition time, measured minus true.
-    """
-    rows: dict[CampaignKey, dict[str, float]] = {}
-    for key in keys:
-        error = errors(of_campaign(both, key))
-        row = rows[key] = {"detected_particles": error["detected_particles"]}
-        for rate, kind in (("hit", "lit"), ("false_alarm", "unlit")):
-            found, number = int(error[f"{kind}_detected"]), int(error[kind])
-            row |= {kind: number, f"{kind}_detected": found}
-            share = interval_columns(intervals.share(found, number))
-            for end, name in (("", "estimate"), ("_low", "low"), ("_high", "high")):
-                row[f"{rate}_percent{end}"] = round(100 * share[name], 2)
-        for name, kind in (("n", "n"), ("median_s", "bias"), ("spread_s", "spread")):
-            row[f"time_error_{name}"] = error[f"ignition_s_{kind}"]
-    return rows_by_campaign(rows)
 
 
 def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.DataFrame:

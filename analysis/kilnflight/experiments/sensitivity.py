@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
-import pandas as pd
 
-from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import campaigns, detection
 from kilnflight.experiments.accuracy import compare_campaigns, errors
@@ -15,18 +11,6 @@ from kilnflight.experiments.flights import PAPERS
 from kilnflight.experiments.tracking_scores import GATE_PX
 from kilnflight.scores import score_tracks
 from kilnflight.tracklets import tracked
-
-# Input, how it changes, and the scenario of `kilnflight.twin.scenes`, one at a time
-CHANGES: dict[str, tuple[str, str]] = {
-    "base": ("none", ""),
-    "even-particles": ("spread of unlit levels", "halved"),
-    "uneven-particles": ("spread of unlit levels", "doubled"),
-    "scattered-depth": ("errors of depth", "times 1.5"),
-    "dense-feed": ("feed", "doubled, in handfuls of 12"),
-    "low-camera": ("height of the axis over the camera", "700 mm"),
-    "level-lance": ("velocity upwards at the lance", "none"),
-    "steady-flames": ("flutter of flames", "none"),
-}
 
 
 def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]:
@@ -38,7 +22,8 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
     """
     settings = campaigns.settings_from_labels(scale, seed, scenario)
     subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
-    roi, detector = subsets[0].recording.attributes.roi, Combination(DoG(settings.threshold))
+    roi = subsets[0].recording.attributes.roi
+    detector = Combination(detection.sift(settings.threshold))
     methods = {"": lambda view: detector(view, roi, 0)[["row", "col"]].to_numpy()}
     found = detection.sum_counts(detection.run(subsets, methods), ["method"])
     results = campaigns.results(scale, seed, jobs, scenario)
@@ -56,15 +41,3 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
         "velocity_bias_m_s": error["velocity_m_s_bias"],
         "false_ignitions_percent": 100 * papers["unlit_detected"] / max(papers["unlit"], 1.0),
     }
-
-
-def sensitivity(scale: str, seed: int, jobs: int, scenarios: Iterable[str]) -> pd.DataFrame:
-    """Return `watched` of scenarios, one row each.
-
-    If there are several, the base with a second seed follows: the size of chance.
-    """
-    cases = [(*CHANGES[each], each, seed) for each in scenarios]
-    if len(cases) > 1:
-        cases.append(("seed", "a second one", "base", seed + 1))
-    rows = [{"input": i, "change": c} | watched(scale, s, n, jobs) for i, c, s, n in cases]
-    return pd.DataFrame(rows)

@@ -50,17 +50,15 @@ def chosen(name: str, **changes: float) -> Tracker:
     associator: Associator
     if name == "GNN":
         associator = GNN(value["size_weight"], value["nonassignment_cost"])
-        management = Management(value["visibility"], int(value["missed_frames"]))
     else:
         associator = JPDA(value["detection_probability"], value["size_weight"])
-        missed = int(value["missed_frames"])
-        management = Management(value["visibility"], missed, used=value["used"])
     motion = ConstantVelocity(
         velocity_sd=value["velocity_sd"],
         acceleration_noise=value["acceleration_noise"],
         measurement_sd=value["measurement_sd"],
     )
     gate = Gate(value["gate"], value["depth_gate"])
+    management = Management(value["visibility"], int(value["missed_frames"]))
     return partial(track, associator=associator, motion=motion, gate=gate, management=management)
 
 

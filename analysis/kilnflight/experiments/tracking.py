@@ -7,7 +7,7 @@ The trackers run on the windows of Table 5.15.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import NamedTuple
 
@@ -17,10 +17,9 @@ import pandas as pd
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import LearnedSettings
-from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.detection import BACKGROUNDS, sift
 from kilnflight.experiments.differences import StoredDifferences
 from kilnflight.experiments.sources import TwinSource
 from kilnflight.experiments.tracking_scores import (
@@ -30,7 +29,6 @@ from kilnflight.experiments.tracking_scores import (
     Lance,
     Scored,
     score_cell,
-    tabulate,
 )
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
@@ -104,7 +102,8 @@ def windows(
     by_starts
         Whether windows are chosen by the flights that start in them, see `tracking_window`.
     """
-    detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
+    detector = Combination(sift(settings.threshold))
+    background = BACKGROUNDS[scale]
     stored = {}
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         source = TwinSource(campaign_name(fraction, 4.5), seed)
@@ -196,43 +195,6 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
         pairs = pair(places[there], spots[here], GATE_PX)
         owner[here[pairs[:, 1]]] = particle[there[pairs[:, 0]]]
     return owner
-
-
-def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
-    """Return the measures with detection or association replaced by the truth.
-
-    This shows what detection, association and post-processing cost (notebook 56).
-
-    Returns
-    -------
-    DataFrame
-        `tracking_scores.tabulate` with ``input``, the positions that are tracked: "true positions",
-        "right detections only" (those of a true trajectory) or "detections". Rows of the tracker
-        "links by the truth" hold detections linked by their true particle.
-    """
-    linked = [
-        window.detections.assign(particle=true_particles(window.detections, window.truth))
-        for window in windows
-    ]
-    columns = ["frame", "row", "col", "x", "y", "z"]
-    right = [tracklets.tracked(table).drop(columns="particle") for table in linked]
-    inputs = {
-        "true positions": [window.truth[columns] for window in windows],
-        "right detections only": [table.reset_index(drop=True) for table in right],
-        "detections": [window.detections for window in windows],
-    }
-    parts = []
-    for name, tables in inputs.items():
-        pairs = zip(windows, tables, strict=True)
-        replaced = [window._replace(detections=table) for window, table in pairs]
-        found = cells(replaced, follow_all(replaced, trackers))
-        parts.append(tabulate(found.values()).assign(input=name))
-    links = {
-        (window.fraction, "links by the truth"): {STAGES[0]: tracks}
-        for window, tracks in zip(windows, linked, strict=True)
-    }
-    parts.append(tabulate(cells(windows, links).values()).assign(input="detections"))
-    return pd.concat(parts, ignore_index=True)
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:

@@ -53,7 +53,7 @@ class Surroundings:
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
     # Spots that come and go: "light reflection" and residues of the background (sec. 3.1).
     clutter: float = 80.0  # mean number in a frame; assumption
-    clutter_gray: float = 2500.0  # mean of their largest grey values, exponential; assumption
+    clutter_gray: float = 2500.0  # mean of their largest grey values, exponential; identified
     # Polygon of the region of interest, as share of rows and columns: not published, set by
     # Table 5.3 (an input), which keeps nine tenths in air and half of those on the wall.
     roi: tuple[tuple[float, float], ...] = (

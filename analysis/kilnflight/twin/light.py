@@ -8,7 +8,7 @@ can be computed alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -63,14 +63,6 @@ class Optics:
     def at_wall(self) -> float:
         """Grey value of the wall at this exposure."""
         return self.wall * self.exposure
-
-    def spread(self, factor: float) -> Optics:
-        """Return the optics with another spread of unlit levels."""
-        return replace(
-            self,
-            paper_spread=factor * self.paper_spread,
-            body_spread=factor * self.body_spread,
-        )
 
     def noise(self, level: npt.ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""

@@ -180,14 +180,11 @@ _DARK = (("wood chip", 0.36), ("PE granule", 0.45))
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "small": downscaled,
-    "even-particles": lambda s: replace(s, optics=s.optics.spread(0.5)),
-    "uneven-particles": lambda s: replace(s, optics=s.optics.spread(2.0)),
     "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
     "dense-feed": lambda s: replace(s, count=2 * s.count, handful=12.0),
     "own-calibration": lambda s: replace(s, calibration=s.seed),
     "low-camera": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=700.0)),
     "level-lance": lambda s: replace(s, level_lance=True),
-    "steady-flames": lambda s: replace(s, optics=replace(s.optics, flutter=(0.0, 0.0))),
     # the other values of choices that no work prints (data/reference/choices.csv)
     "thin-flames": lambda s: replace(s, optics=replace(s.optics, **_THIN)),
     "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
