@@ -52,7 +52,9 @@ figures.save("choices", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Verdicts that turn
 #
-# Each row is a claim whose verdict differs with the other value of a choice.
+# Each row is a claim whose verdict differs with the other value of a choice. Four choices are not
+# asked: for D10, T6, F3 and F4 all campaigns would have to be made and measured again, an hour for
+# each. Their results are those of true paths, as the camera sees them.
 
 # %%
 judged = claims.collect().set_index("id")

@@ -34,7 +34,7 @@ from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.tracklets.paths import PathStep
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
+from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_window
 from kilnflight.twin.truth import at_notes, followed, kept_marks, noted
 
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
@@ -86,6 +86,7 @@ def windows(
     *,
     jobs: int = 1,
     by_starts: bool = False,
+    scenario: str = "base",
 ) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
@@ -101,12 +102,14 @@ def windows(
         Number of processes for the detection.
     by_starts
         Whether windows are chosen by the flights that start in them, see `tracking_window`.
+    scenario
+        One of `kilnflight.twin.scenes.SCENARIOS`.
     """
     detector = Combination(sift(settings.threshold))
     background = BACKGROUNDS[scale]
     stored = {}
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        source = TwinSource(campaign_name(fraction, 4.5), seed)
+        source = TwinSource(scene_name(campaign_name(fraction, 4.5), scenario), seed)
         frames = scored_frames(source.recording(), scale, by_starts)
         stored[fraction] = StoredDifferences(source, frames, detector, background)
     lengths = [len(each.frames) for each in stored.values()]

@@ -190,6 +190,7 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
     "dark-bodies": lambda s: replace(s, optics=replace(s.optics, bodies=_DARK)),
     "no-clutter": lambda s: replace(s, surroundings=replace(s.surroundings, clutter=0.0)),
+    "exact-wall": lambda s: replace(s, depth=replace(s.depth, wall_particle_mm=150.0)),
     "steady-bodies": lambda s: replace(s, optics=replace(s.optics, tumble=0.0)),
 }
 
