@@ -244,8 +244,8 @@ for scenario, chance, what, how in tqdm(cases, "changed inputs", disable=None):
 changed = pd.DataFrame(rows)
 caption = (
     "F1 of SIFT with DBSCAN, alpha of GNN with post-processing, biases of dwell time and of the "
-    "velocity in the first metre, and false ignitions of papers, as errors of depth and the seed change. "
-    f"On the frames of scale {reduced}, where false ignitions are of a handful of papers."
+    "velocity in the first metre, and false ignitions of papers, with other errors of depth and "
+    f"another seed. On the frames of scale {reduced}, where false ignitions are of a handful of papers."
 )
 figures.save("twin-sensitivity", changed, caption=caption, provenance=origin)
 changed
