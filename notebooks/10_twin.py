@@ -245,7 +245,7 @@ changed = pd.DataFrame(rows)
 caption = (
     "F1 of SIFT with DBSCAN, alpha of GNN with post-processing, biases of dwell time and of the "
     "velocity in the first metre, and false ignitions of papers, with other errors of depth and "
-    f"another seed. On the frames of scale {reduced}, where false ignitions are of a handful of papers."
+    f"another seed. On the frames of scale {reduced}, with a handful of papers that do not ignite."
 )
 figures.save("twin-sensitivity", changed, caption=caption, provenance=origin)
 changed
