@@ -82,7 +82,7 @@ $(OUT)/%.settings: FORCE
 	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
 	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),jobs=$(JOBS)) $(PARAMETERS))
+	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
 $(ALONE): | $(filter-out $(ALONE) $(LATER) $(SUMMARY),$(NOTEBOOKS))
 $(LATER): | $(ALONE)

@@ -59,7 +59,8 @@ for window in pair:
         kept = tracklets.tracked(each)
         row = {"fraction": window.fraction, "step": name}
         row |= {"tracks": kept["particle"].nunique(), "positions": len(kept)}
-        measures = scores.measures_of(score_tracks(window.truth, each, scores.GATE_PX))
+        score = score_tracks(window.truth, each, scores.GATE_PX, bridged=False)
+        measures = scores.measures_of(score)
         rows.append(row | {measure: measures[measure] for measure in scores.MEASURES})
 steps = pd.DataFrame(rows)
 

@@ -11,8 +11,8 @@
 #
 # **One number.** Largest mean velocity of particles: below 1.5 m/s printed, 1.43 m/s here.
 #
-# **What disagrees.** Predicted from the start of the phase, spheres fit CVBC better than IA. For
-# cylinders, constant acceleration (CA) is better than CVBC.
+# **What disagrees.** Spheres stop sliding within the phase, so that CVBC predicts them better than
+# IA. Digits that are not published decide whether constant acceleration (CA) beats CVBC.
 
 # %% tags=["hide-input"]
 from functools import partial

@@ -20,6 +20,14 @@ def filled(table):
     return tracks
 
 
+def unfilled(table):
+    """Return the same without the gaps: in these a track has no position."""
+    tracks = {particle: {} for particle in table["particle"]}
+    for frame, particle, *rest in table.itertuples(index=False):
+        tracks[particle][frame] = np.array(rest), True
+    return tracks
+
+
 def gated(true, candidate, frame, gate):
     """Return Eq. 5.1: the gate for a frame of one track only, 0 for a frame of none."""
     if frame not in true or frame not in candidate:

@@ -55,6 +55,16 @@ def test_worlds_with_known_numbers(truth, candidate, gate, of_points, of_tracks,
     assert score.jsc_theta == of_tracks[0] / sum(of_tracks)
 
 
+def test_a_gap_costs_nothing_where_neither_track_has_a_position():
+    """Eq. 5.2: the distance is 0 if none exists, and the gate if one does."""
+    seen = line([0, 1, 8, 9])
+    assert score_tracks(seen, seen, 5.0).alpha == pytest.approx(4 / 10)
+    assert score_tracks(seen, seen, 5.0, bridged=False).alpha == 1.0
+    more = score_tracks(seen, line([0, 1, 4, 8]), 5.0, bridged=False)
+    assert points(more) == (3, 1, 1)
+    assert more.alpha == pytest.approx(2 / 4)  # a gate for what is missed, one for what is not seen
+
+
 def test_a_long_gap_takes_no_memory():
     score = score_tracks(line([0, 10**12]), line([0, 10**6, 10**12]), gate=5.0)
     assert points(score) == (3, 10**12 - 2, 0)
@@ -76,13 +86,14 @@ rows = st.lists(
 )
 
 
-@given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
-def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions):
+@given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3), st.booleans())
+def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions, bridged):
     every = ["frame", "particle", "x", "y", "z"]
     names = every[: 2 + dimensions]
     tables = [pd.DataFrame(first, columns=every)[names] for first in (truth, candidate)]
-    score = score_tracks(*tables, gate, columns=names[2:])
-    true, candidates = map(track_measures.filled, tables)
+    score = score_tracks(*tables, gate, columns=names[2:], bridged=bridged)
+    read = track_measures.filled if bridged else track_measures.unfilled
+    true, candidates = map(read, tables)
     empty = gate * sum(map(len, true.values()))
     pairs = dict(score.pairs[["truth", "candidate"]].to_numpy().tolist())
     rest = sum(len(first) for c, first in candidates.items() if c not in pairs.values())

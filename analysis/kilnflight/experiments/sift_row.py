@@ -11,7 +11,7 @@ data/reference/sift_row.csv, the best first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import cast
@@ -71,16 +71,16 @@ def edge_table(subsets: list[detection.Subset], scale: str, edges: Iterable[floa
 
 
 def identify(
-    subsets: Iterable[detection.Subset], scale: str, edges: Iterable[float], grays: Iterable[float]
+    subsets: Sequence[detection.Subset], scale: str, edges: Sequence[float], grays: Sequence[float]
 ) -> pd.DataFrame:
     """Return the total row of Table 5.6 for each r and clutter, the best first.
 
     Columns are ``clutter_gray`` and those of `edge_table`.
     """
-    parts, tried, known = [], list(edges), list(subsets)
-    for gray in tqdm(list(grays), "strengths of clutter", disable=None):
-        cluttered = [with_clutter(subset, gray) for subset in known]
-        table = edge_table(cluttered, scale, tried)
+    parts = []
+    for gray in tqdm(grays, "strengths of clutter", disable=None):
+        cluttered = [with_clutter(subset, gray) for subset in subsets]
+        table = edge_table(cluttered, scale, edges)
         parts.append(table[table["subset"] == "Total"].assign(clutter_gray=gray))
     return pd.concat(parts).sort_values("misfit", kind="stable", ignore_index=True)
 

@@ -97,7 +97,7 @@ def score_from_lance(truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance) ->
     true = true_from_lance(truth, lance)
     if true.empty:
         return None
-    return score_tracks(true, from_lance(tracks, lance), GATE_PX)
+    return score_tracks(true, from_lance(tracks, lance), GATE_PX, bridged=False)
 
 
 def measures_of(score: TrackScore | None) -> dict[str, float]:

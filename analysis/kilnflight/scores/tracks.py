@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -74,6 +75,7 @@ def score_tracks(
     candidate: pd.DataFrame,
     gate: float,
     columns: Sequence[str] = ("row", "col"),
+    bridged: bool = True,
 ) -> TrackScore:
     """Pair candidate tracks with true ones at the least total distance, and count.
 
@@ -88,6 +90,10 @@ def score_tracks(
         A distance of exactly the gate is no match.
     columns
         The coordinates, any number of them.
+    bridged
+        Whether a gap of a track is bridged by a straight line, as the challenge does. If not, the
+        track has no position there: a frame of neither track costs nothing, one of a single track
+        the gate (section 5.2.2 of the thesis, whose truth is NaN where nothing is seen).
 
     Raises
     ------
@@ -99,10 +105,11 @@ def score_tracks(
 
     Notes
     -----
-    A track lasts from its first to its last frame. Frames between without a row are interpolated
-    linearly and count for the length. Such a virtual position of the truth can be matched, as the
-    particle was there. A virtual position of a candidate matches nothing, and is no false positive
-    between the ends of its partner. Beyond these ends every frame of a candidate is false. A true
+    A track lasts from its first to its last frame. If ``bridged``, frames between without a row are
+    interpolated linearly and count for the length. Such a virtual position of the truth can be
+    matched, as the particle was there. A virtual position of a candidate matches nothing, and is no
+    false positive between the ends of its partner. Beyond these ends every frame of a candidate is
+    false. A true
     track's dummy is an empty track, its partner if it has none (Eq. 5.3); it costs the gate in
     every frame. A pair must be better than the dummy: ties are not pairs. Of equally good
     assignments the one taken depends on the positions alone, not on the order of rows or the
@@ -119,8 +126,8 @@ def score_tracks(
     axes = [] if isinstance(columns, str) or not isinstance(columns, Iterable) else [*columns]
     if not axes or len(set(axes)) < len(axes):
         raise InputError(f"score_tracks: columns {columns!r}; pass a list of names, each once.")
-    true = _read_tracks(truth, axes, "score_tracks: truth")
-    other = _read_tracks(candidate, axes, "score_tracks: candidate")
+    true = _read_tracks(truth, axes, "score_tracks: truth", bridged)
+    other = _read_tracks(candidate, axes, "score_tracks: candidate", bridged)
     if not true:
         raise InputError("score_tracks: truth holds no track, so alpha is 0 / 0.")
     gain, matched, false = _compare(true, other, gate)
@@ -178,14 +185,17 @@ class Track(NamedTuple):
     particle: int
     frames: Whole  # (n,)
     points: Array  # (n, d) coordinates, in the unit of the gate
+    bridged: bool  # whether it has a position in its gaps
 
     @property
     def length(self) -> int:
-        """Return the number of frames from first to last, with or without a row."""
-        return int(self.frames[-1] - self.frames[0]) + 1
+        """Return the number of frames in which it has a position."""
+        return int(self.frames[-1] - self.frames[0]) + 1 if self.bridged else len(self.frames)
 
 
-def _read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list[Track]:
+def _read_tracks(
+    table: pd.DataFrame, columns: Sequence[str], where: str, bridged: bool
+) -> list[Track]:
     """Return the tracks of a table, ordered by frames and positions.
 
     The order does not depend on the rows or on the numbers of particles, and decides between
@@ -198,7 +208,7 @@ def _read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> lis
     points = np.column_stack(axes) + 0.0  # no -0.0
     names, starts = np.unique(particle, return_index=True)
     frames, places = np.split(frame, starts[1:]), np.split(points, starts[1:])
-    tracks = map(Track, names.tolist(), frames, places)
+    tracks = map(Track, names.tolist(), frames, places, repeat(bridged))
     return sorted(tracks, key=lambda track: (track.frames.tobytes(), track.points.tobytes()))
 
 
@@ -210,8 +220,8 @@ def _compare(
     A gain, in gates, is the cost of the dummy minus that of a pair (Eqs 5.1 and 5.2). The dummy, an
     empty track, costs the gate per true frame. A match gains gate - distance. A frame of the
     candidate beyond the ends of the true track costs one gate; other frames cost as much as the
-    dummy's. Matches and false positions are numbers of frames. Pairs without a match have a gain of
-    0.
+    dummy's. If gaps are not bridged, each of its positions where the true track has none costs one.
+    Matches and false positions are numbers of frames. Pairs without a match have a gain of 0.
     """
     shape = len(true), len(other)
     saved, matched, false = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
@@ -220,16 +230,21 @@ def _compare(
     frames = np.concatenate([track.frames for track in other])
     order = np.argsort(frames, kind="stable")
     frames, points = frames[order], np.concatenate([track.points for track in other])[order]
-    number = np.repeat(np.arange(shape[1]), [len(track.frames) for track in other])[order]
+    sizes = np.array([len(track.frames) for track in other])
+    number = np.repeat(np.arange(shape[1]), sizes)[order]
     first, last = (np.array([track.frames[end] for track in other]) for end in (0, -1))
-    for k, (_, at, places) in enumerate(true):
+    for k, (_, at, places, bridged) in enumerate(true):
         rows = slice(*np.searchsorted(frames, [at[0], at[-1] + 1]))
         line = [np.interp(frames[rows], at, axis) for axis in places.T]  # gaps are straight
         distance = np.linalg.norm(points[rows] - np.column_stack(line), axis=1)
-        near, tracks = distance < gate, number[rows]
+        seen = bridged | np.isin(frames[rows], at)
+        tracks, near = number[rows], (distance < gate) & seen
         matched[k] = np.bincount(tracks[near], minlength=shape[1])
-        beyond = np.maximum(at[0] - first, 0) + np.maximum(last - at[-1], 0)
-        false[k] = np.bincount(tracks, minlength=shape[1]) - matched[k] + beyond
+        within = np.bincount(tracks[seen], minlength=shape[1])
+        beyond = sizes - within
+        if bridged:
+            beyond = np.maximum(at[0] - first, 0) + np.maximum(last - at[-1], 0)
+        false[k] = within - matched[k] + beyond
         gain = np.bincount(tracks[near], 1.0 - distance[near] / gate, minlength=shape[1])
         saved[k] = gain - np.where(matched[k] > 0, beyond, 0)
     return saved, matched, false
