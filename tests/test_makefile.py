@@ -195,7 +195,7 @@ def test_full_detects_in_campaigns_alone(project):
     assert order[3:] == ["50_campaigns", "52_late", "00_claims"]
     lines = (project / "asked").read_text().splitlines()
     started = [line for line in lines if "project.notebooks" in line]
-    assert [line.split()[2][10:12] for line in started if line.endswith("-p jobs=2")] == ["50"]
+    assert [line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")] == ["50"]
     (project / "notebooks" / "52_late.py").touch()
     (project / "notebooks" / "60_early.py").touch()
     assert ran(make(project, "SCALE=full", "build/full/52_late.ipynb")) == ["52_late"]
