@@ -34,7 +34,7 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb %/01_choices.ipynb,$(NOTEBOOKS))# collect what the others conclude
 # The longest begin (full: but 50), and beside the first those that compile other code than it does.
-LONGEST := $(foreach number,10 45 43 50 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+LONGEST := $(foreach number,24 10 45 43 50 20 32 22 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 # full: 50 detects in all campaigns, by JOBS processes, nothing beside it; 56 is the last, likewise.
 ALONE := $(if $(filter full,$(SCALE)),$(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS))))
 LATER := $(if $(ALONE),$(filter-out $(ALONE) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS))))
