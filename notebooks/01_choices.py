@@ -9,9 +9,10 @@
 #
 # **One number.** There is no number to compare.
 #
-# **What disagrees.** All choices were made when the effect of most of them on a verdict was known
-# from trials. So their order is fixed: texts and tools first, then the simulation, then values that
-# one printed number identifies. All tests ran once, after that (data/reference/freezes.csv).
+# **What disagrees.** When a choice was made, its effect on a verdict was known from trials, but for
+# depth-6. So the order is fixed: texts and tools first, then the simulation, then values that one
+# printed number identifies, then the tests (data/reference/freezes.csv). Two changes came after the
+# tests of notebook 32 had been seen: T8, and T7 as an assumption.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; named in the provenance only
@@ -52,8 +53,8 @@ figures.save("choices", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Verdicts that turn
 #
-# Each row is a claim whose verdict differs with the other value of a choice. Four choices are not
-# asked: for D10, T6, F3 and F4 all campaigns would have to be made and measured again, an hour for
+# Each row is a claim whose verdict differs with the other value of a choice. Four choices were not
+# tried: for D10, T6, F3 and F4 all campaigns would have to be made and measured again, an hour for
 # each. Their results are those of true paths, as the camera sees them.
 
 # %%
@@ -83,8 +84,8 @@ asked[["id", "where", "not_printed", "chosen"]]
 # %% [markdown]
 # ## Steps of the work
 #
-# Nothing was chosen later than its step: each has the commit at which it was fixed, and a checksum
-# of the inputs.
+# Each step has the commit at which it was fixed, and a checksum of the inputs there. Changed later
+# were T7, T8, and the status of the clutter (D9).
 
 # %%
 pd.read_csv(paths.reference() / "freezes.csv")

@@ -10,8 +10,8 @@
 #
 # **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.6000 here.
 #
-# **What disagrees.** Of what burns in the air DBSCAN and MO find 69 %, QCC 84 %; nearly all in
-# print. The best F1 of DBSCAN and of QCC is 0.70 (0.62 in print).
+# **What disagrees.** Of what burns in the air DBSCAN finds 69 %, MO 62 % and QCC 84 %, nearly all
+# in print. The best F1 of DBSCAN and of QCC is 0.70 (0.62 in print).
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full
@@ -107,7 +107,7 @@ figures.save("fig-2-12-cloud", marked, picture=picture, caption=caption, provena
 # ## Distances of neighbouring points
 #
 # In the text of Fig. 5.7 a third of the points has a neighbour within 1 mm, another third within
-# 2 mm, and more than nine in ten within 4 mm. Here more points have one within 1 mm.
+# 2 mm, and more than nine in ten within 4 mm. It is nearly so here, an aim of the simulation.
 
 # %%
 distances = {name: k_distances(points, 2)[::-1] for name, points in clouds.items()}
@@ -139,7 +139,7 @@ figures.save("fig-5-7-neighbours", table, picture=picture, caption=caption, prov
 # ## Patches of the wall (D7)
 #
 # Depths of the wall lie in patches of half a lens, over which its contrast counts. The other value
-# are narrow shreds, of single pixels with most contrast.
+# are narrow streaks, of single pixels with most contrast.
 
 # %%
 scene = subset.recording.scene
@@ -248,7 +248,8 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 # %% [markdown]
 # ## Which particles are detected
 #
-# With the settings that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1.
+# With the settings that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1. MO finds half
+# of the unlit particles of V1, V2 and V4 here, and none in print.
 
 # %%
 analysed = attempts["row"] == attempts["family"].map({"dbscan": 5, "mo": 1, "qcc": 2})
