@@ -282,7 +282,7 @@ def on_lines(truth):
     """Return true tracks with a position in each frame between their ends."""
     parts = []
     for particle, track in truth.groupby("particle"):
-        track = track.set_index("frame")
+        track = track.set_index("frame")[["row", "col", "x", "y", "z"]]
         frames = np.arange(track.index.min(), track.index.max() + 1)
         track = track.reindex(frames).interpolate().rename_axis("frame").reset_index()
         parts.append(track.assign(particle=particle))
