@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Tracking: GNN and JPDA, with and without post-processing
+# # Tracking: whether post-processing helps depends on how unlit particles tumble
 #
 # **The work.** The thesis tracks four fractions with GNN and JPDA (sections 5.2.1 to 5.2.3, Tables
 # 5.15 and 5.17). Post-processing raises all four measures, and JPDA is slightly ahead.
@@ -9,10 +9,11 @@
 # combined that are not known to be on the wall. Seven choices that the thesis does not print are
 # shown with both values.
 #
-# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.63 here.
+# **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.17 here.
 #
-# **What disagrees.** Alpha and beta fall, from 0.43 to 0.39 on average. GNN is ahead of JPDA, and
-# shreds are tracked far worse than confetti.
+# **What disagrees.** Alpha and beta fall from 0.39 to 0.37 on average. If unlit particles do not
+# tumble (T7), they rise from 0.51 to 0.57, near print. Chips, which are noted in half of the frames
+# here, are tracked worst; in print they are best. GNN is ahead of JPDA.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
@@ -374,8 +375,10 @@ compared = [
 
 # %%
 before, after = alpha_and_beta(cells)
+raw, joined = alpha_and_beta(others["T7"])
 result = (
     f"Post-processing changes the track scores alpha and beta from {before:.2f} to {after:.2f} on "
-    f"average (thesis: from 0.30 to 0.58). JPDA - GNN: {checks[3].measured} beside +0.02."
+    f"average, and from {raw:.2f} to {joined:.2f} if unlit particles do not tumble (thesis: from "
+    "0.30 to 0.58)."
 )
 figures.conclude(result, checks, origin, choices=compared)
