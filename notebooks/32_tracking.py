@@ -116,8 +116,7 @@ figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 beside, apart = scores.beside_published(measured), scores.differences(cells)
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 130, "sharex": True, "sharey": True}
-picture, grid = style.canvas(2, 2, **size)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True, sharey=True)
 looks = {"recomputed": {"marker": "o", "color": "black", "ms": 3}, "published": style.PUBLISHED}
 for axes, (measure, part) in zip(grid.flat, beside.groupby("measure"), strict=True):
     part = part.pivot(index=scores.KEYS[:2], columns="postprocessing")
@@ -199,8 +198,8 @@ for name in counted["fraction"]:
 paths = pd.concat(paths)
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(optical)}
-picture, grid = style.canvas(len(optical), 2, **size)
+height_mm = 62.5 * len(optical)
+picture, grid = style.canvas(len(optical), 2, width_mm=style.PAGE_MM, height_mm=height_mm)
 for panels, (name, image) in zip(grid, optical.items(), strict=True):
     low, high = np.quantile(image, [0.01, 0.998])
     style.draw_frame(panels[0], np.clip((image - low) / max(high - low, 1.0), 0, 1), 4)
@@ -284,7 +283,7 @@ def on_lines(truth):
     parts = []
     for particle, track in truth.groupby("particle"):
         track = track.set_index("frame")[["row", "col", "x", "y", "z"]]
-        frames = np.arange(track.index.min(), track.index.max() + 1)
+        frames = range(track.index[0], track.index[-1] + 1)
         track = track.reindex(frames).interpolate().rename_axis("frame").reset_index()
         parts.append(track.assign(particle=particle))
     return pd.concat(parts, ignore_index=True)
