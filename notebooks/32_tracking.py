@@ -198,8 +198,8 @@ for name in counted["fraction"]:
 paths = pd.concat(paths)
 
 # %% tags=["hide-input"]
-height_mm = 62.5 * len(optical)
-picture, grid = style.canvas(len(optical), 2, width_mm=style.PAGE_MM, height_mm=height_mm)
+number = len(optical)
+picture, grid = style.canvas(number, 2, width_mm=style.PAGE_MM, height_mm=62.5 * number)
 for panels, (name, image) in zip(grid, optical.items(), strict=True):
     low, high = np.quantile(image, [0.01, 0.998])
     style.draw_frame(panels[0], np.clip((image - low) / max(high - low, 1.0), 0, 1), 4)
