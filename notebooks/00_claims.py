@@ -9,7 +9,7 @@
 #
 # **One number.** F1 of QCC at K = 30, alpha = 0.1: 0.6210 printed, 0.5808 here.
 #
-# **What disagrees.** The claims marked "not reproduced", and 43 of 358 recomputed numbers. By its
+# **What disagrees.** The claims marked "not reproduced", and 19 of 329 recomputed numbers. By its
 # own counts QCC is not the best 3D method. Claims that are not tested stand in docs/limits.md.
 
 # %% tags=["parameters"]
