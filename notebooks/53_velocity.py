@@ -103,11 +103,10 @@ pairs = campaigns.stack(parts)
 printed = flights.printed_numbers()
 picture = plots.draw_velocity_boxes(sources, keys, printed)
 caption = (
-    "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of all flights "
-    "in the same frames, and measured. Orange: published medians and bounds. Numbers: particles "
-    "that passed the metre; the axis ends at 25 m/s. In the table each particle has its longest "
-    "track; particle -1 belongs to no true one. Velocities above 60 m/s are of flights with "
-    "impossible polynomials: none is rejected, as in the thesis."
+    "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of all flights, "
+    "and measured. Orange: published. Numbers: particles that passed the metre; the axis ends at "
+    "25 m/s. Table: the longest track of each particle; -1 is none. Velocities above 60 m/s have "
+    "impossible polynomials: no flight is rejected, as in the thesis."
 )
 figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, provenance=origin)
 
@@ -121,11 +120,10 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 # %%
 table = flights.recovery(results.measured, results.true, "velocity|remaining", generator)
 caption = (
-    "Median velocity in depth within each metre, and shares that pass it: printed, put in, true in "
-    "the recordings and measured; measured minus true with its 95 % interval (bootstrap, Wilson). "
-    f"{(table['verdict'] == 'recovered').sum()} of {len(table)} are recovered. Beyond the farthest "
-    "flight a share is not known if that flight was lost. Medians above 60 m/s are of two or three "
-    "flights with impossible polynomials: none is rejected, as in the thesis."
+    "Median velocity in depth within each metre, and shares that pass it: printed, put in, true "
+    "and measured; measured minus true with its 95 % interval (bootstrap, Wilson). "
+    f"{(table['verdict'] == 'recovered').sum()} of {len(table)} are recovered. Medians above "
+    "60 m/s are of two or three impossible polynomials: no flight is rejected, as in the thesis."
 )
 figures.save("velocity-recovery", table.round(3), caption=caption, provenance=origin)
 

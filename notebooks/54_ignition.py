@@ -70,7 +70,7 @@ for axes, campaign in zip(grid.flat, chosen, strict=False):
     axes.label_outer()
 caption = (
     f"Background plus the greatest difference from it in up to {max(map(len, shown))} frames, at "
-    "4.5 bar, after Fig. 5.17. Light: lighter than the kiln behind; dark: darker. Table: flights "
+    "4.5 bar, after Fig. 5.17. Light or dark: than the kiln behind. Table: flights "
     "that light up before they end, with 95 % interval (Wilson). Of those that truly stay unlit or "
     "ignite: number, how many light up (up), or are light at first (light), and median grey value."
 )

@@ -10,8 +10,8 @@
 #
 # **One number.** Mean alpha of GNN after post-processing: 0.585 printed, 0.396 here.
 #
-# **What disagrees.** Long flights are lost more often than short ones. Seven of eight medians are too
-# short, by up to 0.11 s, which the regression cannot mend.
+# **What disagrees.** Long flights are lost more often than short ones. Seven of eight medians are
+# too short, by up to 0.11 s, which the regression cannot mend.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
