@@ -289,6 +289,7 @@ def on_lines(truth):
     return pd.concat(parts, ignore_index=True)
 
 
+# %%
 steps = [
     replace(step, average=True) if isinstance(step, Joining) else step for step in tracklets.STEPS
 ]

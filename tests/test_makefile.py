@@ -43,7 +43,7 @@ case "$*" in
 *generate.py\\ build*) mkdir -p site && touch site/index.html ;;
 esac
 """
-STEMS = ["00_claims", "02_one", "24_two"]
+STEMS = ["00_claims", "02_one", "26_two"]
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 
@@ -105,21 +105,21 @@ def ran(done):
 
 
 def test_a_failing_cell_stops_make_and_is_not_taken_as_done(real):
-    write(real, "24_two", 'raise ValueError("no such particle")')
+    write(real, "26_two", 'raise ValueError("no such particle")')
     done = make(real)
     assert done.returncode != 0
-    assert ran(done) == ["02_one", "24_two"]
+    assert ran(done) == ["02_one", "26_two"]
     assert "own simulation" in done.stdout
-    assert "24_two: cell 4 (import pandas" in done.stderr
+    assert "26_two: cell 4 (import pandas" in done.stderr
     assert "Traceback" not in done.stderr
-    assert (real / "build" / "standard" / "24_two.failed.ipynb").is_file()
-    assert not (real / "build" / "standard" / "24_two.ipynb").exists()
+    assert (real / "build" / "standard" / "26_two.failed.ipynb").is_file()
+    assert not (real / "build" / "standard" / "26_two.ipynb").exists()
     assert not (real / "site").exists()
 
 
 def test_a_killed_run_leaves_nothing(real):
     sleeping = real / "sleeping"
-    write(real, "24_two", f"import time; open({str(sleeping)!r}, 'w').close(); time.sleep(60)")
+    write(real, "26_two", f"import time; open({str(sleeping)!r}, 'w').close(); time.sleep(60)")
     with subprocess.Popen(
         ["make"],
         **settings(real),
@@ -138,17 +138,17 @@ def test_a_killed_run_leaves_nothing(real):
             running.kill()
     assert running.returncode != 0
     assert "Traceback" not in errors
-    assert "24_two: interrupted" in errors
+    assert "26_two: interrupted" in errors
     left = {path.name for path in (real / "build" / "standard").iterdir()}
-    assert not [name for name in left if name.startswith(".") or name == "24_two.ipynb"], left
+    assert not [name for name in left if name.startswith(".") or name == "26_two.ipynb"], left
 
 
 def test_make_goes_on_where_it_was_stopped(real):
-    write(real, "24_two")
+    write(real, "26_two")
     done = make(real)
     assert done.returncode == 0, done.stderr
-    assert ran(done) == ["24_two", "00_claims"]
-    assert not (real / "build" / "standard" / "24_two.failed.ipynb").exists()
+    assert ran(done) == ["26_two", "00_claims"]
+    assert not (real / "build" / "standard" / "26_two.failed.ipynb").exists()
     assert "Seed 1" in (real / "site" / "02_one.html").read_text()
     again = make(real)
     assert ran(again) == []
@@ -158,8 +158,8 @@ def test_make_goes_on_where_it_was_stopped(real):
 def test_make_is_incremental(project):
     assert sorted(ran(make(project))) == STEMS
     assert ran(make(project)) == []
-    (project / "notebooks" / "24_two.py").touch()
-    assert ran(make(project)) == ["24_two", "00_claims"]
+    (project / "notebooks" / "26_two.py").touch()
+    assert ran(make(project)) == ["26_two", "00_claims"]
     (project / "build" / "standard" / "figures" / "02_one.csv").unlink()
     assert ran(make(project)) == ["02_one", "00_claims"]
     assert ran(make(project, "PARAMETERS=02.seed=5")) == ["02_one", "00_claims"]
@@ -202,9 +202,9 @@ def test_full_detects_in_campaigns_alone(project):
 
 
 def test_a_wrong_parameter_of_a_late_notebook_stops_all(real):
-    done = make(real, "PARAMETERS=24.seed=abc")
+    done = make(real, "PARAMETERS=26.seed=abc")
     assert done.returncode != 0
-    assert "24_two: parameter seed" in done.stderr
+    assert "26_two: parameter seed" in done.stderr
     assert ran(done) == []
 
 
