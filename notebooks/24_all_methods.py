@@ -39,7 +39,7 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 
 # %% [markdown]
-# Nine variants, of which the first is ours. Four change a method:
+# Nine variants; the first is ours. Four change a method:
 #
 # - **D1**: r of Eq. 2.28 is 10, as Lowe takes it.
 # - **D2**: the difference from the median background is absolute, so that dark particles stay.

@@ -185,8 +185,7 @@ data = pd.concat(tables, names=["source"]).reset_index("source")
 data = data.filter(regex="^(source|fraction|pressure|particles|velocity|remaining|spread)")
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
-    "that passed it; after the right part of Fig. A.7. Velocities above 60 m/s are of flights with "
-    "impossible polynomials: none is rejected, as in the thesis."
+    "that passed it; after the right part of Fig. A.7."
 )
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 

@@ -34,6 +34,7 @@ from kilnflight.flight import (
     LEAVES,
     LEFT,
     TOO_FAST,
+    Plausible,
     Rules,
     kept,
     straight_on,
@@ -244,13 +245,17 @@ class Measurement(NamedTuple):
 def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
     """Return the tables of all campaigns; missing ones are computed and cached.
 
-    ``particle`` numbers the tracks of each campaign anew, so it is unique within one only.
+    ``particle`` numbers the tracks of each campaign anew, so it is unique within one only. No
+    flight is rejected, but a metre that is passed faster than `Plausible.fastest_m_s` is no row of
+    the slices: nothing drives a particle so fast, and its polynomial is wrong there.
     """
     kiln.make_tables([campaign.run for campaign in campaigns], workers)
     steps = Measurement._fields
-    return Measurement(
+    tables = Measurement(
         *(stack({each.key: each.run.table(step)() for each in campaigns}) for step in steps)
     )
+    possible = tables.slices["velocity_m_s"].abs() <= Plausible().fastest_m_s
+    return tables._replace(slices=tables.slices[possible].reset_index(drop=True))
 
 
 def stack(tables: Mapping[CampaignKey, pd.DataFrame]) -> pd.DataFrame:
