@@ -8,7 +8,6 @@ trajectories of a window of each campaign (Table 5.15), and the labelled particl
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -44,7 +43,7 @@ def handfuls(count: int, mean: float, duration_s: float, generator: np.random.Ge
 
 
 def feed_campaign(
-    kind: tuple[str, float, bool],
+    kind: tuple[str, float],
     release_s: Array,
     geometry: Geometry,
     share_on: float,
@@ -52,12 +51,10 @@ def feed_campaign(
 ) -> Life:
     """Return the particles that leave the lance at some times (n,).
 
-    ``kind`` is their fraction, the pressure in bar, and whether they leave along the axis.
+    ``kind`` is their fraction and the pressure in bar.
     """
-    fraction, bar, level = kind
-    table = find_fraction(fraction).draw(len(release_s), generator).assign(release_s=release_s)
-    law = replace(LAWS[fraction, bar], rise=0.0) if level else LAWS[fraction, bar]
-    flights = fly(law, len(table), geometry, generator)
+    table = find_fraction(kind[0]).draw(len(release_s), generator).assign(release_s=release_s)
+    flights = fly(LAWS[kind], len(table), geometry, generator)
     return Life.of(table, flights, geometry, share_on, generator)
 
 

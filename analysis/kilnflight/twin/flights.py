@@ -233,8 +233,7 @@ def _ignition(law: Law, geometry: Geometry) -> tuple[float, Array]:
     """Return the share of candidates for ignition, and the weights of the bins (5,).
 
     A time after the landing does not count. So bins are drawn with the printed shares over the
-    share that still flies in their middle. With a level lance (`Scene`) even all shreds are too few
-    candidates at 4.5 bar.
+    share that still flies in their middle.
     """
     if not law.ignite:
         return 0.0, np.full(5, 0.2)

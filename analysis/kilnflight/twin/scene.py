@@ -47,7 +47,6 @@ class Scene:
     count: int = 0
     handful: float = 6.0  # mean number of particles in one; assumption
     labelled: tuple[tuple[int, tuple[int, int]], ...] = ()
-    level_lance: bool = False  # particles leave it along the axis, for the sensitivity
     calibration: int = 0  # seed of the depth camera's: one for all recordings of a camera
     geometry: Geometry = field(default_factory=Geometry)
     optics: Optics = field(default_factory=Optics)
@@ -118,7 +117,7 @@ class Twin:
             return feed_subset(counts, times, scene.roi, place, share_on, generator)
         duration_s = scene.frames / scene.frame_rate_hz
         release_s = handfuls(scene.count, scene.handful, duration_s, generator)
-        kind = scene.fraction, scene.pressure_bar, scene.level_lance
+        kind = scene.fraction, scene.pressure_bar
         return feed_campaign(kind, release_s, place, share_on, generator)
 
     @cached_property

@@ -176,15 +176,12 @@ _THIN: dict[str, Any] = {
     "curl": 0.4,
 }
 _DARK = (("wood chip", 0.36), ("PE granule", 0.45))
-# Inputs that nobody published, at other values (notebooks 10 and 24).
+# Inputs that no work prints, at other values (notebooks 10, 22, 24 and 32).
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "small": downscaled,
     "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
-    "dense-feed": lambda s: replace(s, count=2 * s.count, handful=12.0),
     "own-calibration": lambda s: replace(s, calibration=s.seed),
-    "low-camera": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=700.0)),
-    "level-lance": lambda s: replace(s, level_lance=True),
     # the other values of choices that no work prints (data/reference/choices.csv)
     "thin-flames": lambda s: replace(s, optics=replace(s.optics, **_THIN)),
     "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
@@ -210,7 +207,7 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
 
     Examples
     --------
-    >>> len(open_scene("V1@low-camera+small"))
+    >>> len(open_scene("V1@no-clutter+small"))
     160
     """
     plain, _, joined = name.partition("@")
@@ -220,7 +217,7 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     if plain not in (*SUBSETS, *campaigns) or not SCENARIOS.keys() >= set(scenarios):
         raise InputError(
             f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each also "
-            f"with variants behind @, such as V1@low-camera+small: {', '.join(SCENARIOS)}."
+            f"with variants behind @, such as V1@no-clutter+small: {', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if not 0 <= number < 2**63:
