@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Velocity by metre: medians of the first metre are right within 1 m/s
+# # Velocity by metre: medians of the first metre are right within 1.2 m/s
 #
 # **The work.** The thesis gives the mean velocity in depth within each metre from the lance and
 # the share of particles that pass it (section 5.3.1, Eq. 5.8, Figs 5.20 to 5.24). Chips and
