@@ -33,11 +33,11 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb %/01_choices.ipynb,$(NOTEBOOKS))# collect what the others conclude
-# The longest begin (full: but 50), and beside the first those that compile other code than it does.
-LONGEST := $(foreach number,24 10 45 43 50 20 32 22 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
-# full: 50 detects in all campaigns, by JOBS processes, nothing beside it; 56 is the last, likewise.
-ALONE := $(if $(filter full,$(SCALE)),$(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS))))
-LATER := $(if $(ALONE),$(filter-out $(ALONE) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS))))
+# The longest begin: 50 detects in all campaigns, in full by JOBS processes, as 56 fits.
+LONGEST := $(foreach number,50 24 10 32 43 20 22 45 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+# Those after it take its tables.
+CAMPAIGNS := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
+LATER := $(filter-out $(CAMPAIGNS) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
 SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
 # Scales never mix: figures/ holds what make full made.
@@ -84,8 +84,7 @@ $(OUT)/%.settings: FORCE
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
 	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
-$(ALONE): | $(filter-out $(ALONE) $(LATER) $(SUMMARY),$(NOTEBOOKS))
-$(LATER): | $(ALONE)
+$(LATER): | $(CAMPAIGNS)
 build/scale: FORCE
 	@mkdir -p build; [ "$(SCALE)" = "$$(cat $@ 2>/dev/null)" ] || echo $(SCALE) > $@
 site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)

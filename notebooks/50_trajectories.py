@@ -15,7 +15,7 @@
 # 7 still raises adjusted R2, by 0.0004, so that no loss above order 6 is seen.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 pictures = 0  # frames in each sum of differences; 0: 5, 30 or 300 by scale

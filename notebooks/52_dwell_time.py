@@ -15,7 +15,7 @@
 # is decided. Granules fly as long at 5 bar as at 4.5: print contradicts itself there.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

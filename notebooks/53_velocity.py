@@ -16,7 +16,7 @@
 # beyond 3 m: of granules 22 points too many seem to pass 4 m, of chips at 5 bar none.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

@@ -15,10 +15,10 @@
 # granules 4 % do, none in print.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
-pictures = 0  # frames in each optical picture; 0: 5 or 30 by scale, all at full scale
+pictures = 0  # frames in each optical picture; 0: 5, 30 or 1000 by scale
 
 # %%
 import numpy as np
@@ -36,7 +36,7 @@ SHARES = {"ignited": "ignited (%)", "early": "ignited < 0.1 s (%)"}
 
 # %%
 style.use_style()
-pictures = pictures or {"quick": 5, "standard": 30, "full": 0}[scale]
+pictures = pictures or {"quick": 5, "standard": 30, "full": 1000}[scale]
 origin = figures.trace("54_ignition", {"scale": scale, "pictures": pictures}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 generator, keys = np.random.default_rng(seed), list(results.measured)
@@ -60,7 +60,7 @@ rows = -(-len(chosen) // 2)
 picture, grid = style.canvas(rows, 2, width_mm=style.PAGE_MM, height_mm=62.0 * rows)
 shown = []
 for axes, campaign in zip(grid.flat, chosen, strict=False):
-    count = min(pictures or len(campaign.frames), len(campaign.frames))
+    count = min(pictures, len(campaign.frames))
     first = campaign.frames.start + (len(campaign.frames) - count) // 2
     shown.append(range(first, first + count))
     total = ignition.optical_picture(campaigns.twin_of(campaign), shown[-1])

@@ -14,7 +14,7 @@
 # beyond chance, although the particles of both fly alike.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (eight, 200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes
 jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale

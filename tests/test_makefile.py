@@ -188,11 +188,14 @@ def test_full_alone_writes_what_is_cited(project, scale):
     assert written == ["docs/generate.py --readme"] * (scale == "full")
 
 
-def test_full_detects_in_campaigns_alone(project):
+def test_campaigns_come_before_those_that_take_their_tables(project):
     for stem in ("50_campaigns", "52_late", "60_early"):
         write(project, stem)
-    order = ran(make(project, "full", "JOBS=2"))
-    assert order[3:] == ["50_campaigns", "52_late", "00_claims"]
+    for scale in ("standard", "full"):
+        order = ran(make(project, scale, "JOBS=2"))
+        assert sorted(order) == sorted([*STEMS, "50_campaigns", "52_late", "60_early"])
+        assert order.index("50_campaigns") < order.index("52_late")
+        assert order[-1] == "00_claims"
     lines = (project / "asked").read_text().splitlines()
     started = [line for line in lines if "project.notebooks" in line]
     assert [line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")] == ["50"]

@@ -266,14 +266,16 @@ def trajectory_solver(
     def fitted(start: Array, orders: Orders) -> Array:
         """Return the best positions (3, k, n) in mm for each given t0 (k,)."""
         basis = np.linalg.qr((time - start[:, None])[:, :, None] * powers[:, : max(orders)])[0]
-        parts = zip(moved, (basis[:, :, :order] for order in orders), strict=True)
-        return np.stack([(part @ (place @ part)[..., None])[..., 0] for place, part in parts])
+        shares = moved @ basis  # of each vector of the basis, (k, 3, highest order)
+        shares[:, np.arange(max(orders)) >= np.array(orders)[:, None]] = 0.0
+        return np.swapaxes(shares @ np.swapaxes(basis, 1, 2), 0, 1)
 
     @cache
     def costs(order: int) -> Array:
         """Return the squared residuals (3, GRID) in mm^2 on the grid of t0."""
         return ((moved[:, None] - fitted(grid, (order,) * 3)) ** 2).sum(axis=-1)
 
+    @cache
     def slope(start: float, orders: Orders) -> float:
         """Return half the derivative of the total cost by t0, at the best coefficients."""
         best = fitted(np.array([start]), orders)[:, 0]

@@ -17,6 +17,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import camera, kiln
+from kilnflight.arrays import Array, Index
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
@@ -37,6 +38,7 @@ from kilnflight.detection.combination import (
     second_pass,
     sort_clusters,
 )
+from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.detection.sift import Polygon
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.recording.frames import Recording
@@ -58,12 +60,13 @@ SUBSETS: dict[str, tuple[str, ...]] = {
 # The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
 WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
-# Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
-# frame to far above the best one. The exposure of the thesis is not known.
-THRESHOLDS = tuple(round(12.5 * 2 ** (k / 2)) for k in range(17))
+# Thresholds of DoG that are tried, in grey values: two per octave, from a tenth of the thesis's to
+# six times it. The exposure of the thesis is not known.
+THRESHOLDS = tuple(round(50 * 2 ** (k / 2)) for k in range(13))
+Passes = tuple[Clusterer, ...]
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15 points in
 # 70 mm would be more precise than the printed first pass (Table 5.8).
-PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
+PASSES: dict[str, Passes] = {
     "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
@@ -71,7 +74,7 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
 # r of Eq. 2.28 is "user-defined" (section 2.2.3): SIFT's total row of Table 5.6 identifies it
 # (sift_row.csv)
 EDGE = 40.0
-Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more): row, col in px first
+Method = Callable[[View], Array]  # -> (n, 2 or more): row, col in px first
 
 
 def sift(threshold: float = DoG.threshold) -> DoG:
@@ -171,8 +174,9 @@ def run(
         for t, view in bar:
             if not rows:
                 pixels, xyz = view.pixels[:WARM_UP_POINTS], view.xyz[:WARM_UP_POINTS]
+                few = view._replace(pixels=pixels, xyz=xyz)  # one for all, as they share steps
                 for method in methods.values():
-                    method(view._replace(pixels=pixels, xyz=xyz))
+                    method(few)
             rows += _frame_rows(subset, t, view, methods)
     return pd.DataFrame(rows)
 
@@ -229,7 +233,7 @@ def from_thresholds(thresholds: Sequence[float], rule: Combination = OURS) -> di
     lowest = replace(sift, threshold=float(min(thresholds)))
     graded = remembered(lambda view: no_larger(lowest.graded(view.foreground), rule.largest_px))
 
-    def above(threshold: float, view: View) -> npt.NDArray[np.float64]:
+    def above(threshold: float, view: View) -> Array:
         particles = graded(view)
         return particles[particles[:, 3] >= threshold, :3]
 
@@ -252,18 +256,26 @@ def table_5_11_methods(
     known
         Clusters that are found are kept here, for other rules on the same recording.
     """
+    search = remembered(lambda xyz: nearest_neighbors(xyz, 35))  # the most of all
 
-    def labels(clustering: Clusterer, view: View) -> npt.NDArray[np.intp]:
-        key = repr(clustering), view.number, len(view.xyz)
+    def first_pass(clusterer: Clusterer, xyz: Array) -> Index:
+        if isinstance(clusterer, QuasiClusterCenters):
+            return clusterer.spread(xyz, search(xyz))
+        return clusterer(xyz)
+
+    def labels(passes: Passes, view: View) -> Index:
+        key = passes, view.number, len(view.xyz)
         if key not in known:
-            known[key] = clustering(view.xyz)
+            first, *second = passes
+            wall = partial(first_pass, first)
+            known[key] = second_pass(view.xyz, wall, *second) if second else wall(view.xyz)
         return known[key]
 
-    def alone(clusterer: Clusterer, view: View) -> npt.NDArray[np.float64]:
-        return centers(sort_clusters(view.pixels, view.xyz, labels(clusterer, view)))
+    def alone(clusterer: Clusterer, view: View) -> Array:
+        return centers(sort_clusters(view.pixels, view.xyz, labels((clusterer,), view)))
 
-    def combined(keypoints: Method, clustering: Clusterer, view: View) -> npt.NDArray[np.float64]:
-        found = rule.decide(view, keypoints(view), labels(clustering, view), roi)
+    def combined(keypoints: Method, passes: Passes, view: View) -> Array:
+        found = rule.decide(view, keypoints(view), labels(passes, view), roi)
         return found[["row", "col"]].to_numpy()
 
     detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": rule.detector}
@@ -274,8 +286,7 @@ def table_5_11_methods(
     methods["3D-DBSCAN Clustering"] = partial(alone, DBSCAN(eps=50.0, min_points=10))
     methods["3D-MO-based Clustering"] = partial(alone, MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = partial(alone, QuasiClusterCenters(30, 0.1))
-    for cloud, (wall, clusterer) in PASSES.items():
-        both = partial(second_pass, wall=wall, clusterer=clusterer)
+    for cloud, both in PASSES.items():
         for name, each in keypoints.items():
             methods[f"Combi {name}+{cloud}"] = partial(combined, each, both)
     return methods
@@ -297,7 +308,7 @@ def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return value
 
 
-def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
+def wall_points(recording: Recording, frame: int) -> Array:
     """Return the points (n, 3) on the wall in mm, to fit the cylinder (Table 5.12).
 
     These are the largest cluster of DBSCAN's first pass in one frame, after depth calibration.
@@ -338,9 +349,9 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
 def tried_thresholds(scale: str) -> tuple[int, ...]:
     """Return the DoG thresholds (grey values) that a scale tries.
 
-    All; every fourth for "quick", without the lowest, whose search is slow.
+    All; every fourth for "quick".
     """
-    return THRESHOLDS[4::4] if scale == "quick" else THRESHOLDS
+    return THRESHOLDS[::4] if scale == "quick" else THRESHOLDS
 
 
 def chosen_thresholds(table: pd.DataFrame) -> pd.Series:

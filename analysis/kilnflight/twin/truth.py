@@ -58,11 +58,11 @@ def particles(twin: Twin) -> pd.DataFrame:
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     """Return what a person marks in frames.
 
-    That is the `sightings` that are visible and in the ROI.
+    That is the `sightings` that are visible and in the ROI, without ``has_depth``.
 
     The evaluation of detectors counts nothing else (section 5.1.3).
     """
-    table = pd.concat([sightings(twin, t) for t in frames], ignore_index=True)
+    table = pd.concat([_seen(twin, t, twin.view(t)) for t in frames], ignore_index=True)
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
 
@@ -83,7 +83,7 @@ def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     for t in frames:
         view = twin.view(t)
         row, col = _light_centroids(view, twin.empty(t))
-        parts.append(_sightings(twin, t, view).assign(noted_row=row, noted_col=col))
+        parts.append(_seen(twin, t, view).assign(noted_row=row, noted_col=col))
     table = pd.concat(parts, ignore_index=True)
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
@@ -153,16 +153,17 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     DataFrame
         ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a
         person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
-        `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
-        ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available");
-        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
-        coordinates.
+        `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``; true ``x``, ``y``,
+        ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera coordinates;
+        ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available").
     """
-    return _sightings(twin, t, twin.view(t))
+    view = twin.view(t)
+    deep = np.isin(view.moment.particle, twin.particles_with_depth(t, view))
+    return _seen(twin, t, view).assign(has_depth=deep)
 
 
-def _sightings(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
-    """Return the `sightings` of frame ``t``, of which ``view`` is the picture."""
+def _seen(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
+    """Return the `sightings` of frame ``t`` without ``has_depth``; ``view`` is its picture."""
     moment, geometry = view.moment, twin.scene.geometry
     row, col = view.blobs.row, view.blobs.column
     count = np.bincount(view.pixels.blob[view.shown], minlength=len(moment.particle))
@@ -182,7 +183,6 @@ def _sightings(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
             "visible": view.visible & in_picture,
             "label": view.kinds,
             "in_roi": inside(twin.attributes.roi or (), row, col),
-            "has_depth": np.isin(moment.particle, twin.particles_with_depth(t, view)),
             **{axis: place[:, k] for k, axis in enumerate("xyz")},
             **{f"velocity_{axis}_m_s": velocity[:, k] for k, axis in enumerate("xyz")},
         }
