@@ -7,7 +7,7 @@
 #
 # **Here.** The same methods on five simulated recordings. The threshold of SIFT for a recording is
 # found on the other four. All methods run again with the other value of eight choices that the
-# thesis leaves open.
+# thesis does not print (notebook 01). The row of SIFT alone is an input: it set r and the clutter.
 #
 # **One number.** F1 of SIFT with DBSCAN: 0.9017 printed, 0.9261 here.
 #
@@ -98,6 +98,8 @@ attempts = every[every["reading"] == "ours"]
 # %% [markdown]
 # ## Eleven methods
 #
+# QCC alone is printed with an F1 of 0.6210; its counts give 0.5808.
+#
 # Section 3.3 calls the 45 px of the scoring distance a diameter: 2 x 15 px, enlarged 1.5 times.
 # Eq. 3.4 compares them with a distance, as all tables do. The column `f1_diameter_45_px` shows the
 # other reading.
@@ -139,8 +141,8 @@ table = f1.reset_index()
 figures.save("detection-scores", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# The thesis shows the recall of each class for the single methods. On the wall, combinations with
-# MO find fewer particles than the pictures alone, those with DBSCAN and QCC more.
+# The thesis shows the recall of each class for the single methods. On the wall all combinations
+# find more particles than Otsu alone, and fewer than SIFT alone.
 
 # %%
 recall = detection_tables.class_recall(attempts, ["method"])
@@ -157,7 +159,7 @@ figures.save("detection-class-recall", table, caption=caption, provenance=origin
 
 # %%
 pairs = [("Combi OTSU", "2D-OTSU"), ("Combi SIFT", "2D-SIFT"), ("Combi SIFT", "Combi OTSU")]
-pairs += [("Combi", "3D"), ("3D", "2D")]
+pairs += [("Combi", "3D"), ("3D", "2D"), ("Combi", "2D")]
 
 
 def compare_groups(attempts):
@@ -187,7 +189,8 @@ figures.save("detection-gains", gains, caption=caption, provenance=origin)
 # %% [markdown]
 # ## With an absolute difference
 #
-# Of the four other values this one changes most: dark particles stay in the foreground.
+# Dark particles stay in the foreground. Of the readings of the methods this one changes SIFT alone
+# most.
 
 # %%
 other = detection.sum_counts(every[every["reading"] == "D2"], ["method"])
@@ -249,7 +252,8 @@ def judge_methods(attempts):
 def judge_gains(attempts):
     """Return the verdicts on groups of methods."""
     by_pair = compare_groups(attempts).groupby(["first", "second"])
-    otsu, sift, apart, over, dragged = (by_pair.get_group(pair).set_index("rate") for pair in pairs)
+    groups = (by_pair.get_group(pair).set_index("rate") for pair in pairs)
+    otsu, sift, apart, over, dragged, every = groups
     low, high, gain = dragged["low"], dragged["high"], otsu["difference"]
     mainly = claims.beyond(low["recall"] - high["precision"], high["recall"] - low["precision"])
     by_precision = claims.all_of(falls(dragged, "precision"), mainly)
@@ -257,9 +261,10 @@ def judge_gains(attempts):
     with_otsu = claims.all_of(rises(otsu, "recall"), falls(otsu, "precision"), less)
     with_sift = claims.all_of(rises(sift, "precision"), rises(sift, "recall"))
     either = claims.all_of(falls(apart, "precision"), rises(apart, "recall"))
-    size = claims.all_of(lies_in(otsu, 0.03, 0.05), lies_in(sift, 0.03, 0.05))
+    size = lies_in(every, 0.03, 0.05)  # in print with Otsu 0.039, with SIFT 0.022
     above = lies_in(over, 0.25, 0.35)  # bounds of ours
-    f1_gain = pd.Series({"OTSU": gain["f1"], "SIFT": sift["difference"]["f1"]})
+    f1_gain = pd.Series({"mean": every["difference"]["f1"], "OTSU": gain["f1"]})
+    f1_gain["SIFT"] = sift["difference"]["f1"]
     return [
         claims.check("cluster-11", by_precision, dragged["difference"]),
         claims.check("combi-3", with_otsu, gain, "Gains over Otsu alone."),

@@ -4,7 +4,7 @@
 # **The work.** The thesis tracks four fractions with GNN and JPDA (sections 5.2.1 to 5.2.3, Tables
 # 5.15 and 5.17). Post-processing raises all four measures, and JPDA is slightly ahead.
 #
-# **Here.** Simulated campaigns at 4.5 bar, in windows with at least as many whole trajectories as
+# **Here.** Simulated campaigns at 4.5 bar, in windows with about as many whole trajectories as
 # Table 5.15. The truth is what a person would note. Detections are those of SIFT and DBSCAN
 # combined that are not known to be on the wall. Seven choices that the thesis does not print are
 # shown with both values.
@@ -41,8 +41,9 @@ windows = tracking.windows(scale, learned, seed, jobs=jobs)
 # %% [markdown]
 # ## Windows
 #
-# Of each campaign, frames with at least as many whole flights from the lance as Table 5.15 counts
-# trajectories. In the 100 frames of shreds few flights can be whole, so all that start there count.
+# Of each campaign, the frames whose whole flights from the lance are nearest in number to the
+# trajectories of Table 5.15. In the 100 frames of shreds few flights can be whole, so all that
+# start there count.
 
 # %%
 printed = claims.published("table_5.15")

@@ -202,7 +202,9 @@ for choice, other in {"B2": before, "B5": early}.items():
     results = {"chosen": texts[0], "other": texts[1], "turns": turns}
     compared.append(choices.compare(choice, quantity, **results))
 
-turns = {id for other in robust.values() for id in choices.turned(verdicts, other)}
+turns = {}
+for other in robust.values():
+    turns |= choices.turned(verdicts, other)
 of_time = tried[(tried["quantity"] == "temporal_ms") & (tried["filter"] != "ours")]["median"]
 late = boxes.set_index(["material", "quantity", "data", "approach"])["median"]
 compared.append(
@@ -211,7 +213,7 @@ compared.append(
         "bias of Tracking from pictures with four other filters (ms)",
         chosen=late["spheres", "temporal_ms", "images", TRACKING],
         other=f"{of_time.min():.2f} to {of_time.max():.2f}",
-        turns=sorted(turns),
+        turns=turns,
     )
 )
 

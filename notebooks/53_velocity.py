@@ -5,9 +5,9 @@
 # the share of particles that pass it (section 5.3.1, Eq. 5.8, Figs 5.20 to 5.24). Chips and
 # granules are faster than papers; from 4.5 to 5 bar little changes.
 #
-# **Here.** The whole chain on eight simulated campaigns, whose particles fly as printed. What is
-# measured stands beside what was put in and the true velocities of the same recordings. Impossible
-# flights count, as in the thesis.
+# **Here.** The whole chain on eight simulated campaigns, with flights near the printed ones. What
+# is measured stands beside what was put in and the true velocities of the same recordings.
+# Impossible flights count, as in the thesis.
 #
 # **One number.** Measured median velocity of wood chips in the first metre at 4.5 bar: 13.5 m/s
 # printed, 13.2 m/s here. (Notebook 10 has the true one.)

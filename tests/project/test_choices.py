@@ -26,16 +26,19 @@ def decided(monkeypatch):
 def test_a_verdict_turns_where_the_two_values_judge_differently():
     ours = [claims.check("bg-1", True), claims.check("bg-2", False), claims.check("bg-5", None)]
     other = [claims.check("bg-1", False), claims.check("bg-2", False), claims.check("bg-5", True)]
-    assert choices.turned(ours, other) == ("bg-1", "bg-5")
-    assert choices.turned(ours, ours) == choices.turned(ours, []) == ()
+    assert choices.turned(ours, other) == {
+        "bg-1": "reproduced -> not reproduced",
+        "bg-5": "open -> reproduced",
+    }
+    assert choices.turned(ours, ours) == choices.turned(ours, []) == {}
 
 
 @pytest.mark.usefixtures("decided")
 def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
     checks = [claims.check("bg-1", True), claims.check("bg-2", False)]
     compared = [
-        choices.compare("A1", "F1", chosen=0.912345, other=float("nan"), turns=["bg-1"]),
-        choices.compare("A2", "F1", chosen=0.9, other="none", turns=["bg-2"]),
+        choices.compare("A1", "F1", chosen=0.912345, other=float("nan"), turns={"bg-1": "open"}),
+        choices.compare("A2", "F1", chosen=0.9, other="none", turns={"bg-2": "open"}),
     ]
     figures.conclude("One.", checks, MADE, choices=compared)
     judged = claims.collect().set_index("id")
@@ -49,7 +52,7 @@ def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
 
 @pytest.mark.usefixtures("decided")
 def test_a_choice_of_one_notebook_opens_the_verdict_of_another():
-    compared = [choices.compare("A2", "F1", chosen=1, other=2, turns=["bg-2"])]
+    compared = [choices.compare("A2", "F1", chosen=1, other=2, turns={"bg-2": "open"})]
     figures.conclude("One.", [claims.check("bg-2", True)], Provenance("20_backgrounds"))
     figures.conclude("Two.", [], MADE, choices=compared)
     assert claims.collect().set_index("id").loc["bg-2", "because"] == "choice"

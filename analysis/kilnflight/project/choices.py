@@ -29,7 +29,7 @@ class Comparison:
     quantity: str  # with its unit
     chosen: str  # at most 60 characters, like `other`
     other: str
-    turns: tuple[str, ...] = ()  # ids of the claims whose verdict differs
+    turns: Mapping[str, str]  # ids of the claims whose verdict differs, both verdicts
 
 
 def load() -> pd.DataFrame:
@@ -39,7 +39,12 @@ def load() -> pd.DataFrame:
 
 
 def compare(
-    choice_id: str, quantity: str, *, chosen: object, other: object, turns: Iterable[str] = ()
+    choice_id: str,
+    quantity: str,
+    *,
+    chosen: object,
+    other: object,
+    turns: Mapping[str, str] | None = None,
 ) -> Comparison:
     """Return the comparison of a result with both values of a choice.
 
@@ -52,7 +57,7 @@ def compare(
     chosen, other
         Result with our value and with the other one: a number, or a text of at most 60 characters.
     turns
-        Ids of the claims whose verdict differs, from `turned`.
+        Claims whose verdict differs, from `turned`; None: none was judged.
 
     Raises
     ------
@@ -66,7 +71,7 @@ def compare(
         quantity=quantity,
         chosen=_short(choice_id, chosen),
         other=_short(choice_id, other),
-        turns=tuple(turns),
+        turns=turns or {},
     )
 
 
@@ -82,31 +87,28 @@ def _short(choice_id: str, value: object) -> str:
     return text
 
 
-def turned(checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]) -> tuple[str, ...]:
-    """Return the ids of the claims whose verdict differs between two lists of verdicts."""
-    verdicts = {each.id: each.verdict for each in others}
-    return tuple(each.id for each in checks if verdicts.get(each.id, each.verdict) != each.verdict)
+def turned(checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]) -> dict[str, str]:
+    """Return the claims whose verdict differs, each with both: "reproduced -> open".
 
-
-def undecided(comparisons: Iterable[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the claims that turn with a choice that neither text nor tools decide.
-
-    Keys are ids of claims, values the ids of the choices, joined by blanks.
+    The first verdict is that of ``checks``, the second that of ``others``.
     """
-    decided_by = load()["decided_by"]
-    found: dict[str, list[str]] = {}
-    for each in comparisons:
-        if decided_by[each["id"]] in UNDECIDED:
-            for claim in each["turns"]:
-                found.setdefault(claim, []).append(each["id"])
-    return {claim: " ".join(sorted(set(names))) for claim, names in found.items()}
+    verdicts = {each.id: each.verdict for each in others}
+    turns = {}
+    for each in checks:
+        other = verdicts.get(each.id, each.verdict)
+        if other != each.verdict:
+            turns[each.id] = f"{each.verdict} -> {other}"
+    return turns
 
 
 def opened(
     verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return verdicts, open where they turn with an undecided choice."""
-    turning = undecided(comparisons)
+    """Return verdicts, open where they turn with a choice that neither text nor tools decide."""
+    decided_by, turning = load()["decided_by"], set[str]()
+    for each in comparisons:
+        if decided_by[each["id"]] in UNDECIDED:
+            turning |= set(each["turns"])
     rows = []
     for row in verdicts:
         if row["id"] in turning:

@@ -192,7 +192,7 @@ def _beside(compared: list[dict[str, Any]]) -> str:
     if not compared:
         return ""
     rows = pd.DataFrame(compared)
-    rows["turns"] = rows["turns"].str.join(" ")
+    rows["turns"] = rows["turns"].map(" ".join)
     rows.columns = ["choice", "quantity", "ours", "other value", "verdicts that turn"]
     text = rows.to_html(index=False, border=0)
     return f"<p>What no work prints (notebook 01), with ours and with the other value:</p>{text}"
