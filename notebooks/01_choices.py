@@ -81,7 +81,9 @@ figures.save("choices-results", results, caption=caption, provenance=origin)
 #
 # Each row is a claim whose verdict differs with the other value of a choice. Four choices were not
 # tried: for D10, T6, F3 and F4 all campaigns would have to be made and measured again, an hour for
-# each. Their results are those of true paths, as the camera sees them.
+# each. Their results are those of true paths, as the camera sees them. Choices of detection were
+# tried on labelled frames, not on tracks. Eight more settings of the trackers are assumptions that
+# were not tried (notebook 32).
 
 # %%
 judged = claims.collect().set_index("id")
