@@ -33,9 +33,10 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb %/01_choices.ipynb,$(NOTEBOOKS))# collect what the others conclude
-# The longest begin: 50 detects in all campaigns, in full by JOBS processes, as 56 fits.
-LONGEST := $(foreach number,50 24 10 32 43 20 22 45 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
-# Those after it take its tables.
+# The longest begin.
+LONGEST := $(foreach number,50 24 32 10 43 22 20 45 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+# 50 detects in all campaigns, and the others of 50 to 59 take its tables. In full it has JOBS
+# processes, as 56, and nothing runs beside it: three for two cores take a third more time.
 CAMPAIGNS := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
 LATER := $(filter-out $(CAMPAIGNS) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
@@ -85,6 +86,7 @@ $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/
 	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
 $(LATER): | $(CAMPAIGNS)
+$(if $(filter full,$(SCALE)),$(CAMPAIGNS): | $(filter-out $(CAMPAIGNS) $(LATER) $(SUMMARY),$(NOTEBOOKS)))
 build/scale: FORCE
 	@mkdir -p build; [ "$(SCALE)" = "$$(cat $@ 2>/dev/null)" ] || echo $(SCALE) > $@
 site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)

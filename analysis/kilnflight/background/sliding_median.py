@@ -23,8 +23,8 @@ from numba import njit
 from kilnflight.background.frames import HeldFrames, surrounding
 
 Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
-MEDIAN_CHUNK = 32  # frames; longer saves little time and holds one more frame each
-_BAND = 16_384  # pixels of all frames that are copied side by side
+MEDIAN_CHUNK = 64  # frames; longer ones need more scratch memory than a cache has
+_BAND = 65_536  # pixels of all frames that are copied side by side
 _TILE = 1024  # pixels; some 125 slots of 16 bit take half of a second-level cache of 512 KiB
 _LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)

@@ -48,14 +48,6 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
     return peaks
 
 
-def have_peaks(image: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each area (n, 4) holds a peak of `find_peaks`, (n,).
-
-    The columns of ``areas`` and the unit of ``prominence`` are the same as there.
-    """
-    return np.array([_has_peak(_part(image, area), prominence) for area in areas], dtype=bool)
-
-
 def _part(image: Single, area: Integers) -> Single:
     """Return a copy (rows, cols) of an area (4,) of the image.
 
@@ -266,9 +258,9 @@ class Evidence(NamedTuple):
     """
 
     gray: Single  # (rows, cols), smoothed
-    change: Single  # (rows, cols), absolute difference of the smoothed frame and the one before
+    before: Single  # (rows, cols), the frame before, smoothed
     threshold: float  # least prominence of a peak in `gray`, grey values
-    change_threshold: float  # least prominence of a peak in `change`, grey values
+    change_threshold: float  # least prominence of a peak in their difference, grey values
     share: float  # least prominence of further peaks of an area, as a share of the highest one's
 
     @classmethod
@@ -306,8 +298,7 @@ class Evidence(NamedTuple):
         sample = sample[: (sample.size - 1) | 1]  # an odd number has one middle
         spread = float(_middle(np.abs(sample - _middle(sample))))
         threshold = prominence * max(1.4826 * spread, _ROUNDING)
-        change = np.asarray(cv2.absdiff(now, before), np.float32)
-        return cls(now, change, threshold / np.sqrt(2.0), threshold, share)
+        return cls(now, before, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: Integers) -> Array:
         """Return the peaks (k, 3) of ``gray`` in an area (4,), as `find_peaks` does.
@@ -318,13 +309,18 @@ class Evidence(NamedTuple):
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
-        """Return whether ``change`` has a peak in each area (n, 4): `real` needs one."""
-        return have_peaks(self.change, areas, self.change_threshold)
+        """Return whether each area (n, 4) has a peak in the absolute difference of both frames.
+
+        `real` needs one. The peaks are those of `find_peaks`.
+        """
+        pairs = ((_part(self.gray, area), _part(self.before, area)) for area in areas)
+        found = [_has_peak(np.abs(now - before), self.change_threshold) for now, before in pairs]
+        return np.array(found, dtype=bool)
 
     def real(self, area: Integers) -> bool:
         """Return whether an area (4,) holds a particle (cases 4 and 5 of chapter 3.1).
 
-        It must have a peak in ``change``, and a peak or a trough in ``gray``.
+        It must have a peak in the difference, and a peak or a trough in ``gray``.
         """
         if not self.moved(area[None])[0]:
             return False
