@@ -33,8 +33,11 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 
 NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
 SUMMARY := $(filter %/00_claims.ipynb %/01_choices.ipynb,$(NOTEBOOKS))# collect what the others conclude
+# 23 compiles what those of the kiln share, once for all of them; beside it run those of the belt.
+COMPILES := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/23_%,$(NOTEBOOKS)))
+COMPILED := $(filter-out $(OUT)/23_% $(OUT)/4% $(MAKECMDGOALS),$(NOTEBOOKS))
 # The longest begin.
-LONGEST := $(foreach number,50 24 32 10 43 22 20 45 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
+LONGEST := $(foreach number,23 45 43 40 50 24 32 10 22 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 # 50 detects in all campaigns, and the others of 50 to 59 take its tables. In full it has JOBS
 # processes, as 56, and nothing runs beside it: three for two cores take a third more time.
 CAMPAIGNS := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
@@ -85,6 +88,7 @@ $(OUT)/%.settings: FORCE
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
 	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
+$(COMPILED): | $(COMPILES)
 $(LATER): | $(CAMPAIGNS)
 $(if $(filter full,$(SCALE)),$(CAMPAIGNS): | $(filter-out $(CAMPAIGNS) $(LATER) $(SUMMARY),$(NOTEBOOKS)))
 build/scale: FORCE
