@@ -226,6 +226,7 @@ def judge(first):
     return [claims.check("vel-1", faster), claims.check("vel-7", slower)]
 
 
+# %%
 metres = {}
 for choice in ("ours", "D10", "F3", "F4"):
     for key in LAWS:

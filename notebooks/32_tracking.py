@@ -234,6 +234,7 @@ def alpha_and_beta(cells):
     return [table.loc[stage].mean().mean() for stage in scores.STAGES]
 
 
+# %%
 def judge(cells):
     beside = scores.beside_published(scores.tabulate(cells.values()))
     by = {int(claim[6:]): part for claim, part in scores.differences(cells).groupby("claim")}
