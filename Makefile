@@ -39,7 +39,7 @@ COMPILED := $(filter-out $(OUT)/23_% $(OUT)/4% $(MAKECMDGOALS),$(NOTEBOOKS))
 # The longest begin.
 LONGEST := $(foreach number,23 45 43 40 50 24 32 10 22 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
 # 50 detects in all campaigns, and the others of 50 to 59 take its tables. In full it has JOBS
-# processes, as 56, and nothing runs beside it: three for two cores take a third more time.
+# processes, as 56, of 3 GB each, and nothing runs beside it.
 CAMPAIGNS := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
 LATER := $(filter-out $(CAMPAIGNS) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS)))
 QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))

@@ -137,7 +137,6 @@ for subset in subsets:
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
         found[reading, name, subset.name] = detection.run([kept], methods, model)
-    del kept
 parts, tuned_parts = [], []
 for reading, name in product(readings, models):
     every = pd.concat([found[reading, name, each.name] for each in subsets], ignore_index=True)

@@ -308,7 +308,8 @@ def judge(recall):
 
 # %%
 scenarios = {"D7": "shredded-wall", "D11": "exact-wall", "D8": "dark-bodies"}
-fewer, few = {"quick": 1, "standard": 1}.get(scale), min(frames, 3)
+fewer = {"quick": 1, "standard": 1}.get(scale)  # of the simulations in a reduced run
+few = min(frames, 3)  # labelled frames; other simulations take most of the time
 used = {("dbscan", 5), ("mo", 1), ("qcc", 2)}
 used = {key: method for key, method in methods.items() if key in used}
 checks = judge(recall)

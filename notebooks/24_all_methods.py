@@ -89,7 +89,8 @@ def detect(seen, rule, known):
 known, attempted = {}, {}
 for reading, (seen, rule) in readings.items():
     attempted[reading] = detect(seen, rule, known)
-fewer, few = {"quick": 1, "standard": 1}.get(scale), min(frames, 3)
+fewer = {"quick": 1, "standard": 1}.get(scale)  # of the simulations in a reduced run
+few = min(frames, 3)  # labelled frames; other simulations take most of the time
 for choice, scenario in list(scenarios.items())[:fewer]:
     simulated = detection.labelled_subsets(scale, seed, few, scenario)
     attempted[choice] = detect(simulated, detection.OURS, {})

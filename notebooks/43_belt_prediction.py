@@ -59,9 +59,7 @@ setting = {"scale": scale, "count": count}
 origin = figures.trace("43_belt_prediction", setting, seed=seed, inputs=files.values())
 coarse = belt_2020.load_tracks(files, seed, count)
 for name in ("cuboids", "cylinders"):  # no claim is on them
-    entered = coarse[name].groupby("particle")["frame"].min().sort_values(kind="stable")
-    early = coarse[name]["particle"].isin(entered.index[:first])
-    coarse[name] = coarse[name][early].reset_index(drop=True)
+    coarse[name] = belt_2020.first_to_enter(coarse[name], first)
 bodies = {name: belt_2020.resample(each, belt_2016.TRUTH_HZ) for name, each in coarse.items()}
 pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}
 pictured = belt_2016.track_all(pictures, jobs)
@@ -193,8 +191,8 @@ upstream = PredictionPhase(PHASE_2016.start_mm - 15, PHASE_2016.target_mm - 15)
 follow = belt_2016.tracker_until(upstream.start_mm)
 seen = {"spheres": spheres._replace(followed=follow(spheres.spots, frames))}
 before = belt_2016.all_deviations(seen, {"spheres": bodies["spheres"]}, upstream)
-order = bodies["spheres"].groupby("particle")["frame"].min().sort_values(kind="stable")
-early = of_spheres[of_spheres["particle"].isin(order.index[:first])]
+entered = belt_2020.first_to_enter(bodies["spheres"], first)["particle"]
+early = of_spheres[of_spheres["particle"].isin(entered)]
 compared = []
 for choice, other in {"B2": before, "B5": early}.items():
     turns, texts = choices.turned(verdicts, judge(other)), []

@@ -189,11 +189,13 @@ def test_full_alone_writes_what_is_cited(project, scale):
 
 
 def test_campaigns_come_before_those_that_take_their_tables(project):
-    for stem in ("50_campaigns", "52_late", "60_early"):
+    stems = ["23_compiles", "45_belt", "50_campaigns", "52_late", "60_early"]
+    for stem in stems:
         write(project, stem)
     for scale in ("standard", "full"):
         order = ran(make(project, scale, "JOBS=2"))
-        assert sorted(order) == sorted([*STEMS, "50_campaigns", "52_late", "60_early"])
+        assert sorted(order) == sorted([*STEMS, *stems])
+        assert set(order[:2]) == {"23_compiles", "45_belt"}  # the belt shares no compiled code
         assert order.index("50_campaigns") < order.index("52_late")
         if scale == "full":  # nothing runs beside it
             assert order[-3:] == ["50_campaigns", "52_late", "00_claims"]

@@ -4,7 +4,7 @@ import pytest
 
 from kilnflight import background, kiln
 from kilnflight.detection import DoG
-from kilnflight.detection.combination import Combination
+from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables, sift_row
 from kilnflight.project import claims
@@ -108,7 +108,7 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
 
 
 def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
-    """Each rule gives what it gives alone; clusters are found once."""
+    """Each rule gives what it gives alone; clusters are found once, as by their clusterer."""
     few, known = subset._replace(frames=(75,)), {}
     counts = ["method", "tp", "fp", "fn"]
     for threshold in (200.0, 5000.0):
@@ -117,3 +117,8 @@ def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
         alone = detection.run([few], detection.table_5_11_methods(rule, None, {}))
         pd.testing.assert_frame_equal(shared[counts], alone[counts])
         assert len(known) == 6 * 2  # also of the untimed first calls
+    ((_, view),) = detection.subset_views(few)
+    for (passes, _, points), labels in known.items():
+        xyz = view.xyz[:points]
+        expected = second_pass(xyz, *passes) if passes[1:] else passes[0](xyz)
+        np.testing.assert_array_equal(labels, expected)

@@ -23,9 +23,10 @@ from numba import njit
 from kilnflight.background.frames import HeldFrames, surrounding
 
 Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
-MEDIAN_CHUNK = 64  # frames; longer ones need more scratch memory than a cache has
+# frames; 52 comparisons a pixel and window, 67 for chunks of 32; the slots of 96 exceed the cache
+MEDIAN_CHUNK = 64
 _BAND = 65_536  # pixels of all frames that are copied side by side
-_TILE = 1024  # pixels; some 125 slots of 16 bit take half of a second-level cache of 512 KiB
+_TILE = 1024  # pixels; some 270 slots of 16 bit fill a second-level cache; 512 took longer
 _LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)
 # Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.

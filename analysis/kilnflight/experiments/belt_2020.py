@@ -91,11 +91,14 @@ def load_tracks(
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
         table = read_dem(files[name]) if files else friction(np.random.default_rng([seed, number]))
-        if particles is not None:
-            entered = table.groupby("particle")["frame"].min().sort_values(kind="stable")
-            table = table[table["particle"].isin(entered.index[:particles])].reset_index(drop=True)
-        tracks[name] = table
+        tracks[name] = table if particles is None else first_to_enter(table, particles)
     return tracks
+
+
+def first_to_enter(tracks: pd.DataFrame, particles: int) -> pd.DataFrame:
+    """Return the tracks of the first ``particles`` that enter, of one material."""
+    entered = tracks.groupby("particle")["frame"].min().sort_values(kind="stable")
+    return tracks[tracks["particle"].isin(entered.index[:particles])].reset_index(drop=True)
 
 
 def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:

@@ -63,13 +63,14 @@ BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()
 # Thresholds of DoG that are tried, in grey values: two per octave, from a tenth of the thesis's to
 # six times it. The exposure of the thesis is not known.
 THRESHOLDS = tuple(round(50 * 2 ** (k / 2)) for k in range(13))
+MOST_NEIGHBORS = 35  # K of QCC's first pass; no method of Table 5.11 has more on a whole cloud
 Passes = tuple[Clusterer, ...]
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15 points in
 # 70 mm would be more precise than the printed first pass (Table 5.8).
 PASSES: dict[str, Passes] = {
     "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
-    "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
+    "QCC": (QuasiClusterCenters(MOST_NEIGHBORS, 0.1), QuasiClusterCenters(20, 0.2)),
 }
 # r of Eq. 2.28 is "user-defined" (section 2.2.3): SIFT's total row of Table 5.6 identifies it
 # (sift_row.csv)
@@ -256,7 +257,7 @@ def table_5_11_methods(
     known
         Clusters that are found are kept here, for other rules on the same recording.
     """
-    search = remembered(lambda xyz: nearest_neighbors(xyz, 35))  # the most of all
+    search = remembered(lambda xyz: nearest_neighbors(xyz, MOST_NEIGHBORS))
 
     def first_pass(clusterer: Clusterer, xyz: Array) -> Index:
         if isinstance(clusterer, QuasiClusterCenters):
