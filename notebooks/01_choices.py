@@ -55,8 +55,7 @@ figures.save("choices", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Results with either value
 #
-# Each row is computed once, in its notebook. Other simulations of notebooks 22 and 24 run on
-# three labelled frames of each subset, and ours stands beside on the same ones.
+# Each row is computed once, in its notebook.
 
 # %%
 place = {name: k for k, name in enumerate(table["id"])}

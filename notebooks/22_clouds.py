@@ -304,12 +304,11 @@ def judge(recall):
 
 # %% [markdown]
 # The same three clusterers on other simulations: shreds of the wall (**D7**), small errors of depth
-# on the wall (**D11**), dark chips and granules (**D8**); on up to three frames of each subset.
+# on the wall (**D11**), dark chips and granules (**D8**).
 
 # %%
 scenarios = {"D7": "shredded-wall", "D11": "exact-wall", "D8": "dark-bodies"}
 fewer = {"quick": 1, "standard": 1}.get(scale)  # of the simulations in a reduced run
-few = min(frames, 3)  # labelled frames; other simulations take most of the time
 used = {("dbscan", 5), ("mo", 1), ("qcc", 2)}
 used = {key: method for key, method in methods.items() if key in used}
 checks = judge(recall)
@@ -319,15 +318,13 @@ quantities = (
     "recall of DBSCAN on the wall, V1 and V4",
 )
 for choice, scenario in list(scenarios.items())[:fewer]:
-    simulated = detection.labelled_subsets(scale, seed, few, scenario)
+    simulated = detection.labelled_subsets(scale, seed, frames, scenario)
     others = detection.run(simulated[: len(subsets)], used, TwoFrame())
     others[["family", "row"]] = others["method"].to_list()
     others["subset"] = others["subset"].str.partition("@")[0]  # without the scenario
     others = detection_tables.class_recall(others, ["family", "subset"])
-    same = analysed & attempts["frame"].isin(simulated[0].frames)
-    same = detection_tables.class_recall(attempts[same], ["family", "subset"])
-    turns = choices.turned(judge(same), judge(others))
-    both = zip(quantities, rates_of_classes(same), rates_of_classes(others), strict=True)
+    turns = choices.turned(checks, judge(others))
+    both = zip(quantities, rates_of_classes(recall), rates_of_classes(others), strict=True)
     for quantity, ours, other in both:
         if "unlit" in quantity:
             ours, other = ours[3], other[3]
