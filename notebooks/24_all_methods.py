@@ -13,7 +13,7 @@
 #
 # **What disagrees.** Combinations gain 0.086 over Otsu and 0.047 over SIFT, 0.039 and 0.022 by the
 # printed counts. SIFT with DBSCAN is 0.004 ahead of Otsu with DBSCAN, and within chance of it with
-# the other value of D1, D2 or D4.
+# the other value of D1, D2, D4, D6 or D7.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
