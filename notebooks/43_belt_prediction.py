@@ -91,8 +91,8 @@ for panels, (quantity, label) in zip(grid, labels.items(), strict=True):
 caption = (
     f"Deviation of predictions at the edge after Fig. 6 of the 2016 paper: spheres of {source}, "
     "box plots without outliers. Numbers are the widths of the boxes. Temporal: positive where a "
-    "particle came earlier than predicted. Axes differ between panels. The table has the number "
-    f"of predictions, 95 % intervals, and the first {first} particles of the other materials."
+    "particle came earlier than predicted. The table has the number of predictions, 95 % "
+    f"intervals, and the first {first} particles of the other materials."
 )
 figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=origin)
 
