@@ -82,6 +82,13 @@ def test_the_claims_are_those_of_the_notebooks(published):
     assert set(failed["because"]) <= set(claims.CAUSES), "fill cause in data/reference/claims.csv"
 
 
+def test_every_verdict_that_turned_is_one_that_its_choice_names(published):
+    table = pd.read_csv(published / "choices.csv", dtype=str, keep_default_na=False)
+    for row in table.itertuples():
+        unnamed = set(row.verdicts_that_turn.split()) - set(row.claims_touched.split())
+        assert unnamed == set(), f"{row.id}: add them to claims_touched in choices.csv"
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_the_one_number_of_a_notebook_stands_in_its_tables(path, published, entries):
     found = re.search(r"^# \*\*One number\.\*\* (.*?)\n(?:#\n|\n)", path.read_text(), re.M | re.S)
