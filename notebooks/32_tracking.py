@@ -11,8 +11,8 @@
 #
 # **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.17 here.
 #
-# **What disagrees.** Alpha and beta change from 0.386 to 0.369 on average. If unlit particles do not
-# tumble (T7), they rise from 0.508 to 0.565, near print. Chips, which are noted in half of the
+# **What disagrees.** Alpha and beta change from 0.386 to 0.369 on average. If unlit particles do
+# not tumble (T7), they rise from 0.508 to 0.565, near print. Chips, which are noted in half of the
 # frames here, are tracked worst; in print they are best. GNN is 0.04 ahead of JPDA, within chance.
 
 # %% tags=["parameters"]
