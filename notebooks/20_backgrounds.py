@@ -132,11 +132,11 @@ class Kept:
 
 # %%
 found = {}
-for subset in subsets:
-    kept = subset._replace(recording=Kept(subset.recording))
+for each in subsets:
+    kept = each._replace(recording=Kept(each.recording))
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
-        found[reading, name, subset.name] = detection.run([kept], methods, model)
+        found[reading, name, each.name] = detection.run([kept], methods, model)
 parts, tuned_parts = [], []
 for reading, name in product(readings, models):
     every = pd.concat([found[reading, name, each.name] for each in subsets], ignore_index=True)

@@ -388,5 +388,5 @@ result = (
 )
 if "T7" in others:
     raw, joined = alpha_and_beta(others["T7"])
-    result += f" If unlit particles do not tumble, from {raw:.3f} to {joined:.3f}."
+    result += f" If unlit particles do not tumble, it lifts them from {raw:.3f} to {joined:.3f}."
 figures.conclude(result, checks, origin, choices=compared)

@@ -91,7 +91,9 @@ def load_tracks(
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
         table = read_dem(files[name]) if files else friction(np.random.default_rng([seed, number]))
-        tracks[name] = table if particles is None else first_to_enter(table, particles)
+        if particles is not None:
+            table = first_to_enter(table, particles)
+        tracks[name] = table
     return tracks
 
 
