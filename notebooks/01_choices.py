@@ -9,9 +9,9 @@
 #
 # **One number.** There is no number to compare.
 #
-# **What disagrees.** When a choice was made, its effect on a verdict was known from trials, but for
-# depth-6. So the order was fixed: texts and tools, the simulation, values that printed numbers
-# identify, then the tests. What came after tests had been seen stands at the end.
+# **What disagrees.** No choice was made blind: trials had shown which verdicts turn (but for the
+# claim depth-6). So the order was fixed: texts and tools, the simulation, values that printed
+# numbers identify, then the tests. What came after tests had been seen stands at the end.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; named in the provenance only
@@ -28,6 +28,7 @@ from kilnflight.project import choices, claims, figures, paths
 # 1. **Text**: a sentence, a caption or an axis of the work.
 # 2. **Tools** of the authors: MATLAB's difference of two uint16 pictures stops at zero.
 # 3. **Identified**: the value at which a printed number comes out best, which then tests nothing.
+#    It need not fit well: T2 misses its eight numbers by 0.17, and the next values are as near.
 # 4. **Assumption**: nothing decides, and the choice is ours.
 #
 # A text often decides between two values without giving a size. The sizes of D6, D10, T6 and F6 are
@@ -124,8 +125,9 @@ pd.read_csv(in_full).query("subset == 'Total'") if in_full.is_file() else "Run n
 # %% [markdown]
 # ## Steps of the work
 #
-# Each step has the commit at which it was fixed, and a checksum of the inputs there. Step d is what
-# the tests ran on. Later commits move code and change these values after tests had been seen:
+# Each step has the commit at which it was fixed, and a checksum of the inputs there. The tests ran
+# on step d; notebooks that ran again later carry their own commit in the caption. What follows was
+# changed after tests had been seen:
 #
 # - T8 was decided. T7 and F7 were called assumptions: no sentence gives rate, depth or test.
 # - The clutter (D9) was called identified, and F6 got its 32 m/s.

@@ -208,7 +208,7 @@ figures.save("fig-5-3-detections", table, picture=picture, caption=caption, prov
 # %% [markdown]
 # ## Claims
 #
-# One frame per subset gives no interval and decides no order.
+# With one frame per subset (scale quick or standard) there is no interval and no order.
 
 
 # %%

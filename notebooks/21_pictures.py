@@ -123,8 +123,8 @@ figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Claims
 #
-# One frame per subset gives no interval and decides no order. The other values: r is 10 (D1), the
-# difference is absolute (D2), keypoints have any size (D5).
+# With one frame per subset (scale quick or standard) there is no interval and no order. The other
+# values: r is 10 (D1), the difference is absolute (D2), keypoints have any size (D5).
 
 
 # %%

@@ -11,9 +11,11 @@
 #
 # **One number.** Alpha of wood chips, GNN with post-processing: 0.67 printed, 0.17 here.
 #
-# **What disagrees.** Alpha and beta change from 0.386 to 0.369 on average. If unlit particles do
-# not tumble (T7), they rise from 0.508 to 0.565, near print. Chips, which are noted in half of the
-# frames here, are tracked worst; in print they are best. GNN is 0.04 ahead of JPDA, within chance.
+# **What disagrees.** Alpha and beta change from 0.386 to 0.369 on average, while JSC_theta doubles
+# to 0.643. If unlit particles do not tumble (T7), alpha and beta rise from 0.508 to 0.565, near
+# print; they rise by 0.02 with T4 or T5. Raw tracks are better than printed: 0.69 for confetti
+# beside 0.05. Chips are tracked worst; in print they are best. GNN is 0.04 ahead of JPDA, within
+# chance.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
@@ -92,8 +94,9 @@ figures.save("tracker-limits", trackers.limits(), caption=caption, provenance=or
 # %% [markdown]
 # ## Table 5.17
 #
-# Scored are tracks that start at the lance (section 4.2.5), with and without post-processing alike.
-# True trajectories must also last (section 5.2.1). The distance is the bare epsilon of Table 5.16,
+# Scored are tracks that start at the lance, with and without post-processing alike: it is the last
+# step of section 4.2.5, and the truth is of such particles. True trajectories must also last
+# (section 5.2.1). The distance is the bare epsilon of Table 5.16,
 # 10 px, and positions are those detected.
 
 # %%
@@ -219,8 +222,8 @@ figures.save("fig-5-13-optical-truth", paths, picture=picture, caption=caption, 
 # %% [markdown]
 # ## Claims
 #
-# An order holds if all differences are positive. It fails if an interval ends at or below zero. A
-# smoke run has two fractions and decides nothing.
+# An order holds if all differences are positive. It fails if the upper end of an interval is at or
+# below zero. A smoke run has two fractions and decides nothing.
 
 
 # %%
