@@ -9,8 +9,8 @@
 # flight that leaves the view counts with the time computed. One lost within it does not count. None
 # is rejected as impossible.
 #
-# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.2364 s here (true:
-# 0.3314), of three flights of chips.
+# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.2364 s here. (Three
+# flights of chips; true: 0.3314.)
 #
 # **What disagrees.** Flights that land are right within 0.02 s in the median of each campaign.
 # Those that leave the view are 0.03 to 0.48 s too short. Claims on fewer than six flights are open.
@@ -166,7 +166,9 @@ figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, prov
 
 # %%
 known = data.assign(error_s=data["measured_s"] - data["true_s"]).dropna(subset="error_s")
-errors = known.groupby([*KEYS, "ending"], sort=False)["error_s"].agg(["size", "median"])
+errors = known.groupby([*KEYS, "ending"], sort=False)["error_s"].agg(
+    number="size", error_s="median"
+)
 caption = (
     "Error of the dwell time by measured ending: number of flights that have a true one, and "
     "median of measured minus true (s)."
