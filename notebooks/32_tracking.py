@@ -13,9 +13,9 @@
 #
 # **What disagrees.** Alpha and beta change from 0.386 to 0.369 on average, while JSC_theta doubles
 # to 0.643. If unlit particles do not tumble (T7), alpha and beta rise from 0.508 to 0.565, near
-# print; they rise by 0.02 with T4 or T5. Raw tracks are better than printed: 0.69 for confetti
-# beside 0.05. Chips are tracked worst; in print they are best. GNN is 0.04 ahead of JPDA, within
-# chance.
+# print; with the other value of T4 they rise by 0.01, with that of T5 by 0.02. Raw tracks of
+# confetti have an alpha of 0.69, 0.05 in print. Chips are tracked worst; in print they are best.
+# GNN is 0.04 ahead of JPDA, within chance.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
