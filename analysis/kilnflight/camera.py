@@ -12,7 +12,7 @@ the kiln (Fig. 2.4, thesis).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
 
@@ -88,9 +88,9 @@ class DepthCalibration:
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
         """Return the true depth of each captured depth in mm, in its shape."""
         depth = check_finite(captured_mm, "captured depth")
-        segments = [self.segment(depth) == index for index in range(len(self.coefficients))]
-        polynomials = [np.poly1d(powers) for powers in self.coefficients]
-        return np.asarray(np.piecewise(depth, segments, polynomials))
+        index = self.segment(depth)
+        pieces = [np.polyval(np.array(powers), depth) for powers in self.coefficients]
+        return np.select([index == piece for piece in range(len(pieces))], pieces)
 
     def jumps(self) -> Array:
         """Return the right limit minus the left limit at each breakpoint, (n,) in mm."""
@@ -105,8 +105,8 @@ class DepthCalibration:
         `jumps`.
         """
         depth = np.arange(low_mm, high_mm, step_mm)
-        slopes = np.stack([np.polyval(np.polyder(np.array(c)), depth) for c in self.coefficients])
-        return depth[np.take_along_axis(slopes, self.segment(depth)[None], axis=0)[0] < 0]
+        slopes = tuple(tuple(np.polyder(np.array(c))) for c in self.coefficients)
+        return depth[replace(self, coefficients=slopes)(depth) < 0]
 
 
 # Eq. 2.4, thesis section 2.1.5, as printed. z is the captured depth in mm.
@@ -294,19 +294,18 @@ def calibrate_points(
     a pixel, so it stays on that pixel's ray: x and y change in proportion to z.
     """
     points = check_finite(captured_mm, where, (None, 3))
-    depth = points[:, 2:]
+    depth = points[:, 2].copy()  # along narrow rows numpy is slow
     if not (depth > 0).all():
         raise InputError(f"{where}: point {np.argmin(depth)} has depth {depth.min():g} mm.")
     if calibration is None:
         return points
     true = calibration(depth)
     if not (true > 0).all():
-        k = int(np.argmin(true))
         raise InputError(
-            f"{where}: the recording's depth calibration makes {true[k, 0]:.0f} mm of "
-            f"{depth[k, 0]:.0f} mm. Each camera has its own: state the one of this camera."
+            f"{where}: the recording's depth calibration makes {true.min():.0f} mm of "
+            f"{depth[true.argmin()]:.0f} mm. Each camera has its own: state the one of this camera."
         )
-    return points * (true / depth)
+    return points * (true / depth)[:, None]
 
 
 def calibrated_cloud(recording: Any, t: int) -> Array:

@@ -127,7 +127,7 @@ def views(
         if attributes.flame_roi is not None:
             flame = flame_mask(frame.gray, attributes.flame_roi)
             foreground[flame] = 0  # in place: each model returns a new array
-            keep = ~flame[tuple(pixels.T)]
+            keep = ~flame.take(pixels[:, 0] * flame.shape[1] + pixels[:, 1])
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
         yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth, frame.index)
 
@@ -158,8 +158,8 @@ def detect_frames(
         `kilnflight.tables.DETECTIONS`.
     """
     detector, roi = detector or Combination(), recording.attributes.roi
-    seen, hidden = views(recording, frames, background), None if progress else True
-    bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
+    seen = views(recording, frames, background)
+    bar = tqdm(seen, total=len(frames), unit="frame", disable=None if progress else True)
     first = recording.frame(0).index  # a gap in the numbers is a gap in time
     parts = [detector(view, roi, frame=view.number - first) for _, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)

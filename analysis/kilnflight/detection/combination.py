@@ -370,8 +370,8 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     second, ``clusterer``, takes the other points.
     """
     first, labels = wall(xyz), np.full(len(xyz), -1, dtype=np.intp)
-    sizes = np.bincount(first + 1)[1:]  # without noise
-    off_wall = first != (sizes.argmax() if sizes.any() else len(sizes))
+    sizes = np.append(np.bincount(first + 1)[1:], 0)  # without noise; 0 if that is all
+    off_wall = first != sizes.argmax()
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels
 

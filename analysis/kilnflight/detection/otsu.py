@@ -190,9 +190,8 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
             f"{gray.shape[0]} x {gray.shape[1]}; give row0 < row1 and col0 < col1."
         )
     flame, part = np.zeros(gray.shape, dtype=bool), gray[top:bottom, left:right]
-    above = (part > otsu_threshold(part)).astype(np.uint8)
-    _, labels, regions, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-    if len(regions) > 1:
-        largest = 1 + np.argmax(regions[1:, cv2.CC_STAT_AREA])
-        flame[top:bottom, left:right] = labels == largest
+    above = part > otsu_threshold(part)
+    _, regions = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)
+    if above.any():
+        flame[top:bottom, left:right] = regions == np.bincount(regions[above]).argmax()
     return flame

@@ -43,19 +43,20 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
     An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among equal
     pixels the first in row order counts as the higher one.
     """
-    peaks = np.asarray(_area_peaks(_part(image, area), prominence))
+    peaks = _area_peaks(_part(image, area), prominence)
     peaks[:, :2] += np.maximum(area[::2], 0)
     return peaks
 
 
+@numba.njit(cache=True)
 def _part(image: Single, area: Integers) -> Single:
     """Return a copy (rows, cols) of an area (4,) of the image.
 
     It is empty where there can be no peak: without inner pixels or above `LARGEST_AREA_PX`.
     """
-    top, bottom, left, right = np.maximum(area, 0).tolist()
+    top, bottom, left, right = np.maximum(area, 0)
     part = image[top:bottom, left:right]
-    return part[:0] if min(part.shape) < 3 or part.size > LARGEST_AREA_PX else part.copy()
+    return part[: 0 if min(part.shape) < 3 or part.size > LARGEST_AREA_PX else bottom].copy()
 
 
 @numba.njit(cache=True)
@@ -143,6 +144,16 @@ def _has_peak(area: Single, prominence: float) -> bool:
             if _stands_out(area, (row, col), prominence, visited, stack):
                 return True
     return False
+
+
+@numba.njit(cache=True)
+def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
+    """Return whether each area (n, 4) has a peak in the absolute difference of two pictures.
+
+    Both are (rows, cols), ``prominence`` is in grey values. Compiled: a frame has some hundred.
+    """
+    changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
+    return np.array([_has_peak(change, prominence) for change in changes])
 
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
@@ -313,9 +324,7 @@ class Evidence(NamedTuple):
 
         `real` needs one. The peaks are those of `find_peaks`.
         """
-        pairs = ((_part(self.gray, area), _part(self.before, area)) for area in areas)
-        found = [_has_peak(np.abs(now - before), self.change_threshold) for now, before in pairs]
-        return np.array(found, dtype=bool)
+        return _moved(self.gray, self.before, areas, self.change_threshold)
 
     def real(self, area: Integers) -> bool:
         """Return whether an area (4,) holds a particle (cases 4 and 5 of chapter 3.1).
