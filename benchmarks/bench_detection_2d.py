@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from measure import Row, compare
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.otsu import SMALLEST_PX, otsu_threshold
@@ -28,15 +29,18 @@ def eight_bits(image: np.ndarray) -> np.ndarray:
     return np.rint(image / GAIN).astype(np.uint8)
 
 
-def sift(image: np.ndarray, threshold: float) -> np.ndarray:
-    """Return row and col of OpenCV's keypoints; ``threshold`` in grey values of 16 bits."""
+def sift(image: np.ndarray, threshold: float, sigma: float = 1.6) -> np.ndarray:
+    """Return row and col of OpenCV's keypoints; ``threshold`` in grey values of 16 bits.
+
+    ``sigma`` is the first blur of an octave, in px.
+    """
     contrast = 3 * threshold / 65535  # it divides by 3 layers and by 255
-    detector = cv2.SIFT_create(contrastThreshold=contrast, enable_precise_upscale=True)
+    detector = cv2.SIFT_create(contrastThreshold=contrast, sigma=sigma, enable_precise_upscale=True)
     return np.array([point.pt[::-1] for point in detector.detect(image)]).reshape(-1, 2)
 
 
-def doubled(image: np.ndarray, threshold: float) -> np.ndarray:
-    """Return our keypoints (row, col), dark ones too, of the image at twice its size.
+def doubled(image: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return our keypoints (row, col), bright and dark, of the image at twice its size.
 
     That is what OpenCV's SIFT does.
     """
@@ -44,20 +48,31 @@ def doubled(image: np.ndarray, threshold: float) -> np.ndarray:
     half, flags = np.array([[0.5, 0, 0], [0, 0.5, 0]]), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     fine = cv2.warpAffine(image.astype(np.float32), half, size.tolist(), flags=flags)
     detect = DoG(threshold, camera_blur=1.0)
-    return np.concatenate([detect(fine), detect(-fine)])[:, :2] / 2
+    return detect(fine)[:, :2] / 2, detect(-fine)[:, :2] / 2
 
 
 def check_keypoints(image: np.ndarray, threshold: float) -> None:
     """Check on the same 8 bits that keypoints are OpenCV's and OpenCV's ours, but for the border.
 
-    OpenCV leaves out some, such as those on edges.
+    OpenCV leaves out keypoints between two octaves. Those count that it finds when its octaves
+    begin half a layer later. Of ours the bright ones are asked for, which the method takes. Beside
+    flames OpenCV leaves out a fifth of the dark ones.
     """
     eight, last = eight_bits(image), np.array(image.shape) - 10
-    found = sift(eight, threshold), doubled(eight * GAIN, threshold)
-    theirs, ours = (each[((each > 10) & (each < last)).all(axis=1)] for each in found)
-    near = np.linalg.norm(theirs[:, None] - ours[None], axis=2) < 1.0
-    shares = near.any(axis=1).mean(), near.any(axis=0).mean()
-    if shares[0] < 0.95 or shares[1] < 0.85:
+    found = (
+        sift(eight, threshold),
+        sift(eight, threshold, sigma=1.6 * 2 ** (1 / 6)),
+        *doubled(eight * GAIN, threshold),
+    )
+    theirs, later, bright, dark = (
+        each[((each > 10) & (each < last)).all(axis=1)] for each in found
+    )
+    apart = (
+        KDTree(np.vstack([bright, dark])).query(theirs)[0],
+        KDTree(np.vstack([theirs, later])).query(bright)[0],
+    )
+    shares = [float((each < 1.0).mean()) for each in apart]
+    if min(shares) < 0.95:
         raise AssertionError(f"shares of OpenCV's keypoints and of ours that agree: {shares}")
 
 
