@@ -46,7 +46,7 @@ windows = tracking.windows(scale, learned, seed, jobs=jobs)
 # Of each campaign, the frames whose whole flights from the lance are nearest in number to the
 # trajectories of Table 5.15. In the 100 frames of shreds few flights can be whole, so all that
 # start there count. Scored are also flights that the window cuts, if they last 15 frames in it.
-# Detections of no particle in the air are clutter (D9) or burn on the wall without a known depth.
+# With chips and granules nearly all detections of no particle are clutter (D9), far from any.
 
 # %%
 printed = claims.published("table_5.15")
@@ -97,8 +97,8 @@ figures.save("tracker-limits", trackers.limits(), caption=caption, provenance=or
 #
 # Scored are tracks that start at the lance, with and without post-processing alike: it is the last
 # step of section 4.2.5, and the truth is of such particles. True trajectories must also last
-# (section 5.2.1). The distance is the bare epsilon of Table 5.16,
-# 10 px, and positions are those detected.
+# (section 5.2.1). The distance is the bare epsilon of Table 5.16, 10 px, and positions are those
+# detected.
 
 # %%
 ours = {name: trackers.chosen(name) for name in scores.TRACKERS}

@@ -56,8 +56,8 @@ starting = rejecting.tables.flights[rejecting.tables.flights["from_lance"]]
 # actual flight time is longer than computed" (A.1), so they count with the time computed. Papers
 # that rise burning into the edge "cannot be fully tracked, so their flight and burning behavior
 # cannot be analyzed": they are called lost and do not count. What is lost within the view does not
-# count, either: its time has no end. The thesis rejects none (Fig. 5.23 shows negative velocities).
-# Beside stand those that `kilnflight run` would reject.
+# count, either: its end is not known. The thesis rejects none (Fig. 5.23 shows negative
+# velocities). Beside stand those that `kilnflight run` would reject.
 
 
 # %%

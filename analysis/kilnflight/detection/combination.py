@@ -370,7 +370,7 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     second, ``clusterer``, takes the other points.
     """
     first, labels = wall(xyz), np.full(len(xyz), -1, dtype=np.intp)
-    sizes = np.append(np.bincount(first + 1)[1:], 0)  # without noise; 0 if that is all
+    sizes = np.append(np.bincount(first + 1)[1:], 0)  # of clusters; 0: none at all
     off_wall = first != sizes.argmax()
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels

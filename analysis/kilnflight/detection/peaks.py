@@ -56,7 +56,9 @@ def _part(image: Single, area: Integers) -> Single:
     """
     top, bottom, left, right = np.maximum(area, 0)
     part = image[top:bottom, left:right]
-    return part[: 0 if min(part.shape) < 3 or part.size > LARGEST_AREA_PX else bottom].copy()
+    if min(part.shape) < 3 or part.size > LARGEST_AREA_PX:
+        part = part[:0]
+    return part.copy()
 
 
 @numba.njit(cache=True)
@@ -150,7 +152,8 @@ def _has_peak(area: Single, prominence: float) -> bool:
 def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
     """Return whether each area (n, 4) has a peak in the absolute difference of two pictures.
 
-    Both are (rows, cols), ``prominence`` is in grey values. Compiled: a frame has some hundred.
+    Both are (rows, cols), ``prominence`` is in grey values. Compiled: some hundred areas of a frame
+    take half of the time of a loop in Python.
     """
     changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
     return np.array([_has_peak(change, prominence) for change in changes])
