@@ -56,11 +56,11 @@ quick standard full: ## little input; less input (the default); all of it, into 
 	@$(MAKE) SCALE=$@ all
 	@$(if $(filter full,$@),$(RUN) docs/generate.py --readme)
 film: $(VENV)/installed ## the notebook of one film of yours, into build/film: make film RECORDING=path
-	@$(RUN) -m kilnflight.project.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"
+	@$(RUN) -m kilnflight.publication.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"
 	@$(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
-	@$(RUN) -m kilnflight.project.data && mkdir -p build && touch build/external.txt
+	@$(RUN) -m kilnflight.publication.data && mkdir -p build && touch build/external.txt
 LAST := tests/test_notebooks.py# waits for the smoke run of the first
 FIRST := tests/test_site_pages.py tests/test_makefile.py
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
@@ -86,7 +86,7 @@ $(OUT)/%.settings: FORCE
 	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
 	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
 $(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
+	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.publication.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
 $(SUMMARY): $(QUEUE)
 $(COMPILED): | $(COMPILES)
 $(LATER): | $(CAMPAIGNS)
@@ -96,8 +96,8 @@ build/scale: FORCE
 site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)
 	@echo "site: rendering $(words $(NOTEBOOKS)) notebooks"; $(RUN) docs/generate.py $(OUT) site
 # The authors' data if there is a network; a second make does not ask again (make data does).
-build/external.txt: analysis/kilnflight/project/data.py | $(VENV)/installed
-	@mkdir -p build; $(RUN) -m kilnflight.project.data --optional && touch $@
+build/external.txt: analysis/kilnflight/publication/data.py | $(VENV)/installed
+	@mkdir -p build; $(RUN) -m kilnflight.publication.data --optional && touch $@
 
 fail = { echo "setup: $(1)" >&2; exit 1; }
 install = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1

@@ -10,7 +10,7 @@ import growth
 import pandas as pd
 from measure import Row
 
-from kilnflight.project import figures
+from kilnflight.publication import figures
 
 
 def main() -> None:

@@ -19,8 +19,9 @@ from nbformat.v4 import new_markdown_cell
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims, figures, paths
-from kilnflight.project.cache import write_whole
+from kilnflight.publication import claims, figures, verdicts
+from kilnflight.store import index, paths
+from kilnflight.store.cache import write_whole
 
 DOCS = Path(__file__).parent
 # How work and place of its claims begin: title, number of the notebook whose result is shown
@@ -65,7 +66,7 @@ def saved() -> dict[str, dict[str, Any]]:
     folder, found = paths.figures(), {}
     cff = (paths.root() / "CITATION.cff").read_text()
     url = re.search(r'^repository-code: *"?([^"\s]+)', cff, re.M)
-    for name, entry in figures.index()["figures"].items():
+    for name, entry in index.load()["figures"].items():
         origin, sentence = entry["provenance"], r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
         kinds = [kind for kind in ("png", "csv", "pdf") if (folder / f"{name}.{kind}").is_file()]
         each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
@@ -141,8 +142,8 @@ def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
 
 def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return verdict counts and one result of each chapter, and all counts."""
-    judged = claims.collect().join(claims.load()[["work", "where"]], on="id")
-    where, concluded = judged["work"] + " " + judged["where"], figures.index()["notebooks"]
+    judged = verdicts.collect().join(claims.load()[["work", "where"]], on="id")
+    where, concluded = judged["work"] + " " + judged["where"], index.load()["notebooks"]
     rows = []
     for title, (start, chosen, shown) in CHAPTERS.items():
         results = [each["result"] for stem, each in concluded.items() if stem.startswith(chosen)]
@@ -154,7 +155,7 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
 
 def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     """Write the sources of the site and the thumbnails; return the scales of the figures."""
-    known, concluded = saved(), figures.index()["notebooks"]
+    known, concluded = saved(), index.load()["notebooks"]
     (pages / "documents").mkdir(parents=True)
     small.mkdir()
     notebooks = [path for path in sorted(executed.glob("*.ipynb")) if path.stem in concluded]
@@ -221,7 +222,7 @@ def readme() -> tuple[str, str]:
     found = re.fullmatch(f"(.*){first}.*{last}(.*)", (paths.root() / "README.md").read_text(), re.S)
     if found is None:
         raise InputError(f"README.md: restore its lines {first!r} and {last!r}.")
-    concluded = figures.index()["notebooks"]
+    concluded = index.load()["notebooks"]
     return found[1] + block + found[2], render("gallery.md", figures=saved(), notebooks=concluded)
 
 

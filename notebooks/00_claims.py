@@ -20,7 +20,8 @@ seed = 0  # nothing random happens here
 import pandas as pd
 
 from kilnflight.experiments import errata
-from kilnflight.project import claims, figures, paths
+from kilnflight.publication import claims, figures, verdicts
+from kilnflight.store import paths
 
 chapters = {
     "bg": "Background models",
@@ -45,7 +46,7 @@ chapters = {
 published = sorted((paths.reference() / "published").glob("table_5.*.csv"))
 inputs = [*published, paths.reference() / "statements.csv"]
 origin = figures.trace("00_claims", {"scale": scale}, inputs=inputs, mark="")
-table = claims.collect()
+table = verdicts.collect()
 chapter = table["id"].str.split("-").str[0].map(chapters)
 counts = pd.crosstab(chapter, table["verdict"]).reindex(list(chapters.values()), fill_value=0)
 counts.reindex(columns=list(claims.VERDICTS), fill_value=0)

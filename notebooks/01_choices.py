@@ -20,7 +20,8 @@ seed = 0  # nothing random happens here
 # %% tags=["hide-input"]
 import pandas as pd
 
-from kilnflight.project import choices, claims, figures, paths
+from kilnflight.publication import choices, figures, verdicts
+from kilnflight.store import paths
 
 # %% [markdown]
 # ## How a choice is decided
@@ -86,7 +87,7 @@ figures.save("choices-results", results, caption=caption, provenance=origin)
 # tracks. Eight more settings of the trackers are assumptions that were not tried (notebook 32).
 
 # %%
-judged = claims.collect().set_index("id")
+judged = verdicts.collect().set_index("id")
 decided_by = choices.load()["decided_by"]
 rows = {}
 for each in choices.compared():

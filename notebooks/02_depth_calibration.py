@@ -33,7 +33,8 @@ import pandas as pd
 from matplotlib import cbook
 
 from kilnflight import camera
-from kilnflight.project import figures, paths, style
+from kilnflight.publication import figures, style
+from kilnflight.store import paths
 from kilnflight.twin.geometry import Geometry
 
 style.use_style()

@@ -26,7 +26,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.experiments import detection, flights, identified, light_fit, sensitivity
-from kilnflight.project import choices, claims, figures, paths, style
+from kilnflight.publication import choices, claims, figures, style
+from kilnflight.store import paths
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.flights import LAWS

@@ -27,8 +27,9 @@ from kilnflight import camera
 from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection
-from kilnflight.project import claims, figures, paths, style
+from kilnflight.publication import claims, figures, style
 from kilnflight.scores.intervals import DRAWS
+from kilnflight.store import paths
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.feeding import LABELLED
 from kilnflight.twin.geometry import Geometry

@@ -29,7 +29,7 @@ import pandas as pd
 
 from kilnflight import background, kiln
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 
 # %%
 style.use_style()

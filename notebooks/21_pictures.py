@@ -27,7 +27,8 @@ import pandas as pd
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.project import choices, claims, figures, paths, style
+from kilnflight.publication import choices, claims, figures, style
+from kilnflight.store import paths
 
 style.use_style()
 frames = frames or detection.FRAMES[scale]

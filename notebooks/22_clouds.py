@@ -37,7 +37,7 @@ from kilnflight.detection import (
 from kilnflight.detection.combination import centers, sort_clusters
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.twin.scene import Twin
 
 # %%

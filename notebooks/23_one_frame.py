@@ -29,7 +29,7 @@ from kilnflight.detection.combination import potential_particles, take_clusters
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
 from kilnflight.experiments import detection, plots
-from kilnflight.project import choices, figures, style
+from kilnflight.publication import choices, figures, style
 from kilnflight.scores import score_detections
 
 # %%

@@ -29,7 +29,7 @@ import pandas as pd
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import rates
 
 # %%

@@ -28,7 +28,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection, detection_tables, identified, plots
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 
 # %%
 style.use_style()

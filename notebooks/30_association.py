@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.spatial.distance import cdist
 
 from kilnflight.association import ASSOCIATORS, joint_probabilities
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.scores.detections import DETECTION_GATE_PX, score_detections
 from kilnflight.tracking import tracker
 from kilnflight.tracking.filter import Detected, Gate

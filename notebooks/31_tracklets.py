@@ -28,7 +28,7 @@ import pandas as pd
 from kilnflight import tracklets
 from kilnflight.experiments import campaigns, plots, post_processing, tracking
 from kilnflight.experiments import tracking_scores as scores
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import score_tracks
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.eliminate import mean_speed, regularity

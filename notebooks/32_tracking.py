@@ -31,7 +31,7 @@ import pandas as pd
 from kilnflight import tracklets
 from kilnflight.experiments import campaigns, ignition, plots, trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.tracklets.joining import Joining
 from kilnflight.twin import scenes
 

@@ -24,7 +24,7 @@ import pandas as pd
 from matplotlib.patches import Rectangle
 
 from kilnflight import tracklets
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.tracklets import joining
 from kilnflight.tracklets.paths import read_paths, turns, velocities
 

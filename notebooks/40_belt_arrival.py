@@ -26,7 +26,7 @@ from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.belt.phase import PredictionPhase, arrival_deviations
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.sorter.friction import GRAVITY_MM_S2
 
 files = belt_2020.find_dem()

@@ -25,7 +25,7 @@ from kilnflight.belt import COMBINATIONS, models
 from kilnflight.belt.phase import PredictionPhase, lateral_deviations, predictions
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE, REPLICATES
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 
 files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN

@@ -20,7 +20,7 @@ from IPython.display import Markdown
 from kilnflight.belt import tracker
 from kilnflight.belt.camera import BELT, Area
 from kilnflight.experiments import belt_2016, belt_2020
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures, at_rate
 

@@ -22,7 +22,7 @@ from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import constant_velocity
 from kilnflight.experiments import belt_2016, belt_2020
 from kilnflight.experiments.belt_2016 import PHASE_2016, SIM, STRAIGHT, TRACKING
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 

@@ -30,7 +30,7 @@ from kilnflight.belt.phase import (
 from kilnflight.belt.recordings import CAMERA_END_PX, MM_PER_PX, NOZZLES_PX, REAL_FRAME_S
 from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.experiments import belt_2020, belt_real
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 
 files = belt_real.find_recordings()

@@ -23,7 +23,7 @@ from IPython.display import Markdown
 from kilnflight import belt
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments import belt_2016, belt_2020, belt_valves
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 

@@ -30,7 +30,7 @@ import pandas as pd
 from kilnflight import regression
 from kilnflight.experiments import campaigns, flights, plots, variants
 from kilnflight.experiments.campaigns import KEYS, REASONS
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.regression import AXIS_MEASURES, Regression, regress
 from kilnflight.tables import TRAJECTORIES
 

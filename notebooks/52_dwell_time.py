@@ -32,7 +32,7 @@ from kilnflight.experiments import accuracy, campaigns, flights, plots, variants
 from kilnflight.experiments.campaigns import COMPLETE, KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LEFT, LOST, straight_on
 from kilnflight.ignition import NONE, SEEN
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 # Endings that could count (choice F5): ours, those whose end was seen, and every one.

@@ -28,7 +28,7 @@ from kilnflight import regression
 from kilnflight.experiments import accuracy, campaigns, flights, plots, variants
 from kilnflight.experiments.campaigns import KEYS
 from kilnflight.flight import straight_on
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores.flights import METRES
 
 # %%

@@ -27,7 +27,7 @@ import pandas as pd
 from kilnflight.experiments import accuracy, campaigns, flights, ignition, plots, variants
 from kilnflight.experiments.campaigns import KEYS
 from kilnflight.ignition import Ignition
-from kilnflight.project import choices, claims, figures, style
+from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import ignition_histogram
 

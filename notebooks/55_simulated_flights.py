@@ -28,7 +28,7 @@ from matplotlib.collections import LineCollection
 from scipy import stats
 
 from kilnflight.experiments import campaigns, plots
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.scores.flights import METRES, outcomes
 from kilnflight.twin import truth
 from kilnflight.twin.flights import ENDS, LONGEST_S, released

@@ -25,7 +25,7 @@ import pandas as pd
 from kilnflight.experiments import accuracy, campaigns, plots, trackers, tracking
 from kilnflight.experiments.campaigns import KEYS
 from kilnflight.experiments.tracking_scores import STAGES, tabulate
-from kilnflight.project import figures, style
+from kilnflight.publication import figures, style
 from kilnflight.scores.flights import quartiles
 from kilnflight.tracklets import tracked
 

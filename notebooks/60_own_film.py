@@ -26,10 +26,11 @@ import numpy as np
 import pandas as pd
 
 import kilnflight
-from kilnflight.project import figures, paths, style
+from kilnflight.publication import figures, style
 from kilnflight.run.pictures import pictures
 from kilnflight.scores import rates, score_detections, score_tracks
 from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
+from kilnflight.store import paths
 from kilnflight.twin import scenes, truth
 
 style.use_style()

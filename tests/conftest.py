@@ -20,11 +20,11 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kilnflight.project import data, style
-from kilnflight.project.cache import locked
+from kilnflight.publication import data, style
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
 from kilnflight.regression import Fit
+from kilnflight.store.cache import locked
 from kilnflight.tables import BELT_TRACKS
 from kilnflight.twin import scenes
 
@@ -107,7 +107,7 @@ LONGEST = ("10", "20", "60", "50")
 # Executes notebooks one after the other: to start papermill takes half a second.
 EXECUTE = """
 import sys
-from kilnflight.project.notebooks import main
+from kilnflight.publication.notebooks import main
 build, *paths = sys.argv[1:]
 sys.exit(max([main([path, "--build", build, "-p", "scale=quick"]) for path in paths]))
 """

@@ -19,7 +19,7 @@ from kilnflight.camera import (
     read_calibration,
     wall_profile,
 )
-from kilnflight.project import claims
+from kilnflight.publication import claims
 
 
 def equation_in_plain_code(z):

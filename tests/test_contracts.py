@@ -18,9 +18,9 @@ from kilnflight.detection import DBSCAN, DoG, MorphologicalClustering, Otsu, Qua
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.otsu import otsu_threshold
 from kilnflight.flight import space_sliced_velocity
-from kilnflight.project.parallel import Workers
 from kilnflight.regression import Regression, regress, regress_all
 from kilnflight.scores import score_detections, score_tracks
+from kilnflight.store.parallel import Workers
 from kilnflight.tracking import track
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management

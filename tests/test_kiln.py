@@ -14,8 +14,8 @@ from kilnflight.detection.combination import Combination
 from kilnflight.experiments.differences import StoredDifferences
 from kilnflight.experiments.sources import TwinSource
 from kilnflight.ignition import Ignition
-from kilnflight.project import paths
-from kilnflight.project.parallel import Workers
+from kilnflight.store import paths
+from kilnflight.store.parallel import Workers
 from kilnflight.tables import DETECTIONS
 
 MEDIAN = background.Median(window=6)

@@ -24,18 +24,18 @@ seed = 1
 
 # %%
 import pandas as pd
-from kilnflight.project import claims, figures
+from kilnflight.publication import claims, figures, verdicts
 
 LAST
 origin = figures.trace("{stem}", {{"scale": scale}})
-table = claims.collect() if "{name}" == "claims" else pd.DataFrame({{"seed": [seed]}})
+table = verdicts.collect() if "{name}" == "claims" else pd.DataFrame({{"seed": [seed]}})
 figures.save("{name}", table, caption="A table.", provenance=origin)
 figures.conclude("Seed " + str(seed), [], origin)
 """
 STAND_IN = """#!/bin/sh
 echo "$KILNFLIGHT_FIGURES $*" >> asked
 case "$*" in
-*project.notebooks*)
+*publication.notebooks*)
     stem=$(basename "$3" .py) figures=${KILNFLIGHT_FIGURES:-$PWD/figures}
     echo "$stem: running"
     mkdir -p "$figures" && touch "$5/$stem.ipynb" "$figures/$stem.csv"
@@ -180,9 +180,9 @@ def test_full_alone_writes_what_is_cited(project, scale):
     lines = (project / "asked").read_text().splitlines()
     commands = [line.partition(" ")[::2] for line in lines]  # figures' folder, command
     for folder, command in commands:
-        if "project.notebooks" in command or "generate.py build" in command:
+        if "publication.notebooks" in command or "generate.py build" in command:
             assert folder == reduced
-        if "project.notebooks" in command:
+        if "publication.notebooks" in command:
             assert command.endswith(f"--build build/{scale} -p scale={scale} -p seed=7")
     written = [command for _, command in commands if "--readme" in command]
     assert written == ["docs/generate.py --readme"] * (scale == "full")
@@ -201,7 +201,7 @@ def test_campaigns_come_before_those_that_take_their_tables(project):
             assert order[-3:] == ["50_campaigns", "52_late", "00_claims"]
         assert order[-1] == "00_claims"
     lines = (project / "asked").read_text().splitlines()
-    started = [line for line in lines if "project.notebooks" in line]
+    started = [line for line in lines if "publication.notebooks" in line]
     assert [line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")] == ["50"]
     (project / "notebooks" / "52_late.py").touch()
     (project / "notebooks" / "60_early.py").touch()

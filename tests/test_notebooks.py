@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from tests.definitions.bounds import impossible
 
-from kilnflight.project import claims, notebooks
+from kilnflight.publication import claims, notebooks
 
 PROJECT = Path(__file__).resolve().parents[1]
 

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from tests.definitions.bounds import impossible
 
-from kilnflight.project import claims, figures
+from kilnflight.publication import claims, figures, verdicts
+from kilnflight.store import index
 
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((PROJECT / "notebooks").glob("*.py"))
@@ -25,7 +26,7 @@ def published(monkeypatch):
 
 @pytest.fixture
 def entries(published):
-    return figures.index()["figures"]
+    return index.load()["figures"]
 
 
 def test_every_figure_comes_from_make_full_and_a_clean_tree(entries):
@@ -77,7 +78,7 @@ def test_every_saved_table_of_the_thesis_has_published_values_beside_ours(publis
 
 def test_the_claims_are_those_of_the_notebooks(published):
     shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(shown, claims.collect(), check_dtype=False)
+    pd.testing.assert_frame_equal(shown, verdicts.collect(), check_dtype=False)
     failed = shown[shown["verdict"] == claims.NOT_REPRODUCED]
     assert set(failed["because"]) <= set(claims.CAUSES), "fill cause in data/reference/claims.csv"
 

@@ -35,7 +35,8 @@ twin             a kiln whose truth is known: flights as printed, camera, scenes
 belt             the sorter of both papers: spots, tracker, models, valves
 sorter           what the belt's camera sees: rendered pictures, a small model of the belt
 experiments      what two notebooks share, or is longer than a page
-project          figures, claims, notebooks, cache, processes; no physics
+publication      figures, claims, choices, notebooks, fetched data; no physics
+store            files written whole: cached tables, folders, an index; processes
 ===============  ===============================================================
 """
 

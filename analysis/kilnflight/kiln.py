@@ -33,11 +33,11 @@ from kilnflight.detection.combination import Combination, Planar, View, mean_gra
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.project import paths
-from kilnflight.project.cache import CachedTable, cached
-from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Frame, Recording
 from kilnflight.regression import Regression
+from kilnflight.store import paths
+from kilnflight.store.cache import CachedTable, cached
+from kilnflight.store.parallel import Workers
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
 from kilnflight.tracking.filter import ConstantVelocity, Motion
 from kilnflight.tracking.tracker import Management, track
@@ -180,7 +180,7 @@ class DetectionRun:
     chunk
         Frames per table.
     folder
-        Folder of all tables; `kilnflight.project.paths.derived` by default.
+        Folder of all tables; `kilnflight.store.paths.derived` by default.
     """
 
     source: Source

@@ -14,7 +14,7 @@ from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussia
 from kilnflight.background.models import Surroundings, ThreeFrame, TwoFrame
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
-from kilnflight.project import claims
+from kilnflight.publication import claims
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
 WINDOWED = (Mean, Median, Adaptive)

@@ -20,7 +20,7 @@ from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_real import compare_links, find_recordings, join_recordings, links
-from kilnflight.project import data
+from kilnflight.publication import data
 from kilnflight.tracking.filter import ConstantVelocity
 
 GOOD = "0.40,0.09,nan,nan,nan,nan\n0.41,0.09,0.39,0.05,nan,nan\nnan,nan,0.40,0.06,nan,nan\n"
@@ -100,7 +100,7 @@ def test_positions_and_the_tracks_of_the_authors(path):
 
 def test_beside_the_other_data_only_the_published_files_are_used(path, monkeypatch):
     monkeypatch.delenv("KILNFLIGHT_RECORDINGS")
-    monkeypatch.setattr("kilnflight.project.paths.external", lambda: path.parents[1])
+    monkeypatch.setattr("kilnflight.store.paths.external", lambda: path.parents[1])
     assert find_recordings() == {}
     (path.parents[1] / "belt_recordings" / "Kugeln").mkdir(parents=True)
     beside = path.parents[1] / "belt_recordings" / "Kugeln" / "001.csv"

@@ -12,7 +12,7 @@ from tests.definitions import clusters as plain
 from kilnflight.detection import CLUSTERERS, DBSCAN, MorphologicalClustering, QuasiClusterCenters
 from kilnflight.detection.dbscan import k_distances
 from kilnflight.detection.quasi_centers import nearest_neighbors
-from kilnflight.project import claims
+from kilnflight.publication import claims
 
 SMALL = (DBSCAN(3.0, 5), MorphologicalClustering(22), QuasiClusterCenters(5, 0.1))
 seeds = st.integers(0, 2**32 - 1)

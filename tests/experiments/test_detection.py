@@ -7,7 +7,7 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables, sift_row
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.twin import truth
 
 MEDIAN = background.Median(window=20)

@@ -1,7 +1,7 @@
 import pytest
 
 from kilnflight.experiments import errata
-from kilnflight.project import claims
+from kilnflight.publication import claims
 
 
 @pytest.fixture(scope="module")

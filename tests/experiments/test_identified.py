@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import identified
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.twin import scenes
 from kilnflight.twin.flights import LAWS
 from kilnflight.twin.scene import Twin

@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 import pandas as pd
 import pytest
 
-from kilnflight.project import paths
+from kilnflight.store import paths
 from kilnflight.twin import background, feeding, flights, fuel, life, picture, scenes
 
 TABLE = pd.read_csv(paths.reference() / "twin_inputs.csv", keep_default_na=False)

@@ -20,10 +20,10 @@ from kilnflight.experiments.flights import interval_columns, median_of
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.kiln import KilnRun
-from kilnflight.project import parallel
 from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES
+from kilnflight.store import parallel
 from kilnflight.tracking.filter import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked

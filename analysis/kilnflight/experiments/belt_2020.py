@@ -24,7 +24,7 @@ from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.belt.phase import SUMMARY, Deviations, Observed, PredictionPhase, evaluate
 from kilnflight.belt.recordings import read_dem
 from kilnflight.checks import InputError
-from kilnflight.project import claims, data, style
+from kilnflight.publication import claims, data, style
 from kilnflight.sorter.friction import MATERIALS
 from kilnflight.tables import BELT_TRACKS
 

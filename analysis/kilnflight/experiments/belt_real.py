@@ -11,7 +11,8 @@ import pandas as pd
 from kilnflight.belt.recordings import list_recordings
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
-from kilnflight.project import data, paths
+from kilnflight.publication import data
+from kilnflight.store import paths
 
 PAUSE = 100  # frames between joined recordings, more than between two particles of one
 

@@ -41,9 +41,9 @@ from kilnflight.flight import (
 )
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import DetectionRun, KilnRun
-from kilnflight.project.cache import CachedTable
-from kilnflight.project.parallel import Workers
 from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.store.cache import CachedTable
+from kilnflight.store.parallel import Workers
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.fuel import FRACTIONS

@@ -16,7 +16,7 @@ from kilnflight.experiments.detection import (
     COUNTS,
     sum_counts,
 )
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import truth

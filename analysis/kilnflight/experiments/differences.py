@@ -17,7 +17,7 @@ from kilnflight.arrays import Array
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.sources import TwinSource
-from kilnflight.project.cache import CachedTable, clear_parts, make_whole
+from kilnflight.store.cache import CachedTable, clear_parts, make_whole
 from kilnflight.tables import DETECTIONS
 
 

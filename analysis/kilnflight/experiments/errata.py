@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.camera import EQUATION_2_4, PLATE_DISTANCES_MM, invert_depth
-from kilnflight.project import claims, paths
+from kilnflight.publication import claims
 from kilnflight.scores import rates
+from kilnflight.store import paths
 
 AMBIENT_BAR = 1.01325
 COUNTS = ["TP", "FP", "FN"]

@@ -15,7 +15,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array
 from kilnflight.experiments.campaigns import KEYS, CampaignKey
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (
     LAST_SHARE,

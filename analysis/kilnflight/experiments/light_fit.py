@@ -21,7 +21,7 @@ from kilnflight.arrays import Single
 from kilnflight.camera import inside
 from kilnflight.detection import Otsu
 from kilnflight.detection.otsu import flame_mask
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.scores import score_detections
 from kilnflight.twin import scenes
 from kilnflight.twin.feeding import BURNING, LABELLED, ON_WALL, UNLIT

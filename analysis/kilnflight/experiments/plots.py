@@ -15,7 +15,7 @@ from kilnflight.arrays import Array
 from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.campaigns import CampaignKey, of_campaign
 from kilnflight.experiments.flights import Values
-from kilnflight.project.style import (
+from kilnflight.publication.style import (
     BOXES,
     COLOURS,
     HATCHES,

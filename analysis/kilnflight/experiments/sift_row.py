@@ -24,8 +24,9 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection_tables import beside_published, with_total
-from kilnflight.project import claims, paths
-from kilnflight.project.cache import write_whole
+from kilnflight.publication import claims
+from kilnflight.store import paths
+from kilnflight.store.cache import write_whole
 from kilnflight.twin import truth
 from kilnflight.twin.scene import Twin
 

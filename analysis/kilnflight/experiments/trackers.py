@@ -19,7 +19,7 @@ from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.experiments import campaigns, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.experiments.tracking import Tracker, Window
-from kilnflight.project import paths
+from kilnflight.store import paths
 from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track
 

@@ -30,8 +30,8 @@ from kilnflight.experiments.tracking_scores import (
     Scored,
     score_cell,
 )
-from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
+from kilnflight.store.parallel import Workers
 from kilnflight.tracklets.paths import PathStep
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_window

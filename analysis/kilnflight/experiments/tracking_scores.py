@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.project import claims
+from kilnflight.publication import claims
 from kilnflight.scores import score_tracks
 from kilnflight.scores.intervals import DRAWS, LEAST, percentiles, track_draws
 from kilnflight.scores.tracks import TrackScore

@@ -18,8 +18,8 @@ from kilnflight.experiments.campaigns import (
 from kilnflight.flight import Plausible
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import KilnRun
-from kilnflight.project.parallel import Workers
 from kilnflight.regression import Regression
+from kilnflight.store.parallel import Workers
 
 
 def true_outlet(campaign: Campaign) -> KilnRun:

@@ -31,8 +31,8 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight.checks import InputError
-from kilnflight.project.cache import clear_parts, locked, make_whole
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, check_position
+from kilnflight.store.cache import clear_parts, locked, make_whole
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 POINTS_PER_CHUNK = 65_536

@@ -22,7 +22,7 @@ from pathlib import Path
 import pandas as pd
 
 from kilnflight.checks import InputError, check_columns, check_whole
-from kilnflight.project.cache import write_whole
+from kilnflight.store.cache import write_whole
 from kilnflight.tables import with_pixels
 
 ENDINGS = ("", ".csv", ".txt", ".parquet")

@@ -23,8 +23,6 @@ from kilnflight.association import GNN, Associator
 from kilnflight.belt.links import motion_of
 from kilnflight.checks import InputError, check_columns, check_whole
 from kilnflight.kiln import KILN_STEPS
-from kilnflight.project.cache import clear_parts, locked, write_whole
-from kilnflight.project.parallel import Workers
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
@@ -32,6 +30,8 @@ from kilnflight.recording.track_files import csv_of
 from kilnflight.run.pictures import pictures, plot_tracks, png, preview
 from kilnflight.run.preparation import Options, choose, prepare
 from kilnflight.run.report import Tables, aligned, doubts, summary
+from kilnflight.store.cache import clear_parts, locked, write_whole
+from kilnflight.store.parallel import Workers
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity
 from kilnflight.tracking.tracker import Management

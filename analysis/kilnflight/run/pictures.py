@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import kiln
-from kilnflight.project import style
+from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.run.preparation import Options, choose, spread

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Index
 from kilnflight.checks import InputError
-from kilnflight.project import paths
-from kilnflight.project.cache import code_hash, locked, write_whole
+from kilnflight.store import paths
+from kilnflight.store.cache import code_hash, locked, write_whole
 from kilnflight.twin.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
 from kilnflight.twin.fuel import FRACTIONS
 from kilnflight.twin.light import Optics

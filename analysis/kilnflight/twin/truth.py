@@ -17,8 +17,8 @@ from tqdm import tqdm
 from kilnflight.arrays import Array, Single
 from kilnflight.camera import inside
 from kilnflight.checks import InputError
-from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.store.cache import CachedTable
 from kilnflight.twin.flights import BURNT_OUT, LANDED, Flights
 from kilnflight.twin.geometry import FULL_SCALE
 from kilnflight.twin.picture import VISIBLE_PX

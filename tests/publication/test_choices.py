@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import choices, claims, figures, paths
-from kilnflight.project.figures import Provenance
+from kilnflight.publication import choices, claims, figures, verdicts
+from kilnflight.publication.figures import Provenance
+from kilnflight.store import paths
 
 MADE = Provenance("00_claims")
 
@@ -41,7 +42,7 @@ def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
         choices.compare("A2", "F1", chosen=0.9, other="none", turns={"bg-2": "open"}),
     ]
     figures.conclude("One.", checks, MADE, choices=compared)
-    judged = claims.collect().set_index("id")
+    judged = verdicts.collect().set_index("id")
     assert judged.loc["bg-1", ["verdict", "because"]].tolist() == ["reproduced", ""]
     assert judged.loc["bg-2", ["verdict", "because"]].tolist() == ["open", "choice"]
     table = choices.collect().set_index("id")
@@ -55,7 +56,7 @@ def test_a_choice_of_one_notebook_opens_the_verdict_of_another():
     compared = [choices.compare("A2", "F1", chosen=1, other=2, turns={"bg-2": "open"})]
     figures.conclude("One.", [claims.check("bg-2", True)], Provenance("20_backgrounds"))
     figures.conclude("Two.", [], MADE, choices=compared)
-    assert claims.collect().set_index("id").loc["bg-2", "because"] == "choice"
+    assert verdicts.collect().set_index("id").loc["bg-2", "because"] == "choice"
 
 
 def test_a_choice_without_a_result_is_empty_and_an_unknown_one_is_an_error():

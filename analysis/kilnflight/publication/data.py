@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths
+from kilnflight.store import paths
 
 # Name, SHA-256 and address of each file: the repository of the 2020 paper's authors at a
 # pinned commit, in pooch's format.

@@ -22,8 +22,8 @@ import joblib
 from tqdm import tqdm
 
 from kilnflight.checks import InputError, check_number
-from kilnflight.project import paths
-from kilnflight.project.cache import AGAIN
+from kilnflight.store import paths
+from kilnflight.store.cache import AGAIN
 
 Make = Callable[..., Any]  # computes one piece
 PATIENCE_S = 10.0  # for the scheduler and its first worker to answer

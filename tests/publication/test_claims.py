@@ -3,8 +3,9 @@ import re
 import pandas as pd
 import pytest
 
-from kilnflight.project import claims, figures, paths
-from kilnflight.project.figures import Provenance
+from kilnflight.publication import claims, figures, verdicts
+from kilnflight.publication.figures import Provenance
+from kilnflight.store import paths
 
 MADE = Provenance("00_claims")
 
@@ -32,7 +33,7 @@ def test_answers_have_three_values():
 
 def test_every_claim_is_collected_once_in_order_and_open_where_no_notebook_tests_it():
     figures.conclude("One.", [claims.check("bg-2", True), claims.check("bg-1", False)], MADE)
-    table = claims.collect()
+    table = verdicts.collect()
     assert table["id"].tolist() == claims.load().index.tolist()
     assert list(claims.count(table).values()) == [1, 1, len(table) - 2]
     assert table.set_index("id").loc["bg-2", "notebook"] == "00_claims"

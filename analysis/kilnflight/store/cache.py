@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths
+from kilnflight.store import paths
 
 if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd

@@ -28,8 +28,8 @@ from papermill.exceptions import PapermillExecutionError
 from traitlets.config import Config
 
 from kilnflight.checks import InputError
-from kilnflight.project.cache import write_whole
-from kilnflight.project.paths import NOTEBOOK, SAVED_LIST
+from kilnflight.store.cache import write_whole
+from kilnflight.store.paths import NOTEBOOK, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
 # The parameters cell, and name=value or NN.name=value.
@@ -161,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     The parameters are checked for all notebooks of the folder before this one runs. A failure is
     printed in one line. The status is 1 after an error, 130 after an interruption.
     """
-    parser = ArgumentParser(prog="python -m kilnflight.project.notebooks")
+    parser = ArgumentParser(prog="python -m kilnflight.publication.notebooks")
     parser.add_argument("source", type=Path)
     parser.add_argument("--build", type=Path, default=Path("build"))
     parser.add_argument("-p", "--parameter", action="append", default=[], metavar="name=value")

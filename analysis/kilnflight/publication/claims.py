@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths
+from kilnflight.store import paths
 
 REPRODUCED, NOT_REPRODUCED, OPEN = "reproduced", "not reproduced", "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
@@ -131,37 +131,6 @@ def within(low: float, high: float, least: float, most: float) -> bool | None:
     (True, None, False)
     """
     return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
-
-
-def collect() -> pd.DataFrame:
-    """Return the verdict on every claim, in the order of claims.csv.
-
-    Verdicts come from the folder of figures, where each notebook saved its own. A claim without one
-    is open, and so is one whose verdict turns with a choice that neither text nor tools decide
-    (`kilnflight.project.choices`).
-
-    Returns
-    -------
-    DataFrame
-        ``id``, ``verdict``, ``because``, ``measured``, ``published``, ``notebook``, ``reason``.
-
-    Raises
-    ------
-    InputError
-        If two notebooks judge the same claim.
-    """
-    from kilnflight.project import choices, figures
-
-    known, concluded = load(), figures.index()["notebooks"].items()
-    rows = [{**row, "notebook": stem} for stem, each in concluded for row in each["verdicts"]]
-    rows = choices.opened(rows, choices.compared())
-    names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
-    judged = pd.DataFrame(rows, columns=names).set_index("id")
-    for claim_id in judged.index[judged.index.duplicated()]:
-        by = " and ".join(judged.loc[claim_id, "notebook"])
-        raise InputError(f"claim {claim_id} is judged by {by}; leave it to one notebook.")
-    table = judged.reindex(known.index).assign(published=known["sentence"])
-    return table.fillna({"verdict": OPEN}).fillna("").reset_index()
 
 
 def count(table: pd.DataFrame) -> dict[str, int]:

@@ -12,7 +12,6 @@ import hashlib
 import html
 import io
 import json
-import os
 import re
 import subprocess
 from collections.abc import Iterable, Mapping
@@ -30,10 +29,10 @@ from PIL.PngImagePlugin import PngInfo
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.project import choices as unprinted
-from kilnflight.project import claims, paths
-from kilnflight.project.cache import locked, write_whole
-from kilnflight.project.style import mark, style
+from kilnflight.publication import choices as unprinted
+from kilnflight.publication import claims
+from kilnflight.publication.style import mark, style
+from kilnflight.store import index, paths
 
 PNG_DPI = 300
 DRAFT_DPI = 150  # of a reduced run, whose figures are not to be cited
@@ -147,8 +146,9 @@ def save(
         contents |= pictures
         coded = base64.b64encode(pictures[f"{identifier}.png"]).decode()
         body = f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{coded}"/>'
-    entry = {"caption": caption, "provenance": asdict(provenance)}
-    _write(contents, "figures", identifier, entry | {"kind": "picture" if picture else "table"})
+    entry: dict[str, Any] = {"caption": caption, "provenance": asdict(provenance)}
+    entry["kind"] = "table" if picture is None else "picture"
+    index.write(contents, "figures", identifier, entry)
     words = f"<figcaption><code>{identifier}</code> {html.escape(caption)}</figcaption>"
     return HTML(f"<figure id='{identifier}'>{body}{words}</figure>")
 
@@ -166,12 +166,12 @@ def conclude(
     result
         What was found, in one or two sentences; "nan" becomes "(too few)".
     verdicts
-        From `kilnflight.project.claims.check`, each claim once.
+        From `kilnflight.publication.claims.check`, each claim once.
     provenance
         From `trace`.
     choices
-        From `kilnflight.project.choices.compare`: results with both values of what no work prints.
-        A verdict that turns with a choice that nothing decides is open.
+        From `kilnflight.publication.choices.compare`: results with both values of what no work
+        prints. A verdict that turns with a choice that nothing decides is open.
     """
     compared = [asdict(each) for each in choices]
     rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
@@ -179,7 +179,7 @@ def conclude(
         raise InputError(f"{provenance.notebook}: a claim is judged twice; judge it once.")
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
-    _write({}, "notebooks", provenance.notebook, entry)
+    index.write({}, "notebooks", provenance.notebook, entry)
     shown = pd.DataFrame(rows, columns=["id", "verdict", "because", "measured", "reason"])
     table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
     return HTML(
@@ -196,42 +196,6 @@ def _beside(compared: list[dict[str, Any]]) -> str:
     rows.columns = ["choice", "quantity", "ours", "other value", "verdicts that turn"]
     text = rows.to_html(index=False, border=0)
     return f"<p>What no work prints (notebook 01), with ours and with the other value:</p>{text}"
-
-
-def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[str, Any]) -> None:
-    """Write files by name into the folder of figures, and an entry of its index.json.
-
-    ``part`` is "figures" or "notebooks", ``name`` the key of ``entry`` in it. For make, the files
-    are also listed in a file; the environment variable `SAVED_LIST` of `kilnflight.project.paths`
-    names it.
-    """
-    folder = paths.figures()
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder):
-        for file, content in contents.items():
-            write_whole(folder / file, content)
-        known = index()
-        known[part][name] = json.loads(json.dumps(entry, default=str))
-        text = json.dumps(known, indent=1, sort_keys=True, ensure_ascii=False)
-        write_whole(folder / "index.json", f"{text}\n".encode())
-    if listed := os.environ.get(paths.SAVED_LIST):
-        with Path(listed).open("a") as file_list:
-            file_list.writelines(f"{(folder / file).resolve()}\n" for file in contents)
-
-
-def index() -> dict[str, dict[str, Any]]:
-    """Return the entries of index.json whose figure or notebook still exists.
-
-    Keys are "figures" (caption, provenance, kind by id) and "notebooks" (result, verdicts by stem).
-    """
-    folder, notebooks = paths.figures(), paths.root() / "notebooks"
-    file = folder / "index.json"
-    known: dict[str, dict[str, Any]] = {"figures": {}, "notebooks": {}}
-    known |= json.loads(file.read_text("utf-8")) if file.is_file() else {}
-    for part, place, kind in (("figures", folder, "csv"), ("notebooks", notebooks, "py")):
-        there = (name for name in known[part] if (place / f"{name}.{kind}").is_file())
-        known[part] = {name: known[part][name] for name in there}
-    return known
 
 
 def _drawn(

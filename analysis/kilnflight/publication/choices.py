@@ -2,7 +2,7 @@
 
 data/reference/choices.csv has one row for each choice: what is not printed, what is chosen, what
 else could be, and what decides. A chapter's notebook computes the result with both values once and
-hands it to `kilnflight.project.figures.conclude`. Notebook 01 shows all of them.
+hands it to `kilnflight.publication.figures.conclude`. Notebook 01 shows all of them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 import pandas as pd
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims, paths
+from kilnflight.publication import claims
+from kilnflight.store import index, paths
 
 # What can decide a choice. Sentences and the authors' programs are evidence; the others are not.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
@@ -119,11 +120,9 @@ def opened(
 
 def compared() -> list[dict[str, Any]]:
     """Return the comparisons that all notebooks saved, each with its notebook."""
-    from kilnflight.project import figures
-
     return [
         {**each, "notebook": stem}
-        for stem, concluded in figures.index()["notebooks"].items()
+        for stem, concluded in index.load()["notebooks"].items()
         for each in concluded.get("choices", [])
     ]
 

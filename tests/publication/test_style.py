@@ -1,6 +1,6 @@
 import numpy as np
 
-from kilnflight.project import style
+from kilnflight.publication import style
 
 
 def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size(axes):

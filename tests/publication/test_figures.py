@@ -9,8 +9,9 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims, figures, paths, style
-from kilnflight.project.figures import Provenance
+from kilnflight.publication import claims, figures, style
+from kilnflight.publication.figures import Provenance
+from kilnflight.store import index, paths
 
 MADE = Provenance("02_x", {"scale": "full"}, 7, {"a.csv": "0f"}, "0.1.0", "abc")
 TABLE = pd.DataFrame({"x_mm": [1.0, 2.5], "note": ["a", "b_c"]})
@@ -37,10 +38,10 @@ def test_a_picture_is_png_pdf_and_csv_and_a_table_a_csv():
     save("table-1")
     assert set(files()) == {"fig-1.png", "fig-1.pdf", "fig-1.csv", "table-1.csv", "index.json"}
     assert (paths.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
-    index = figures.index()["figures"]
-    assert [index[name]["kind"] for name in ("fig-1", "table-1")] == ["picture", "table"]
-    assert index["fig-1"]["caption"] == CAPTION
-    assert index["fig-1"]["provenance"] == asdict(MADE)
+    known = index.load()["figures"]
+    assert [known[name]["kind"] for name in ("fig-1", "table-1")] == ["picture", "table"]
+    assert known["fig-1"]["caption"] == CAPTION
+    assert known["fig-1"]["provenance"] == asdict(MADE)
     with Image.open(paths.figures() / "fig-1.png") as image:
         assert image.text["Description"] == CAPTION
         assert json.loads(image.text["Provenance"]) == asdict(MADE)
@@ -79,7 +80,7 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
     figures.conclude("One line.", [verdict], made)
     figures.conclude("Nothing to test.", [], MADE)  # no such notebook
     kept = {"result": "One line.", "verdicts": [asdict(verdict)], "choices": []}
-    assert figures.index()["notebooks"] == {"00_claims": kept}
+    assert index.load()["notebooks"] == {"00_claims": kept}
     with pytest.raises(InputError, match="judged twice"):
         figures.conclude("One line.", [verdict, verdict], made)
 

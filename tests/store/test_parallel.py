@@ -8,8 +8,8 @@ import cv2
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import parallel
-from kilnflight.project.parallel import Workers
+from kilnflight.store import parallel
+from kilnflight.store.parallel import Workers
 
 
 def note(folder: Path, piece: int) -> None:

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import cache
-from kilnflight.project.cache import cached, make_whole
+from kilnflight.store import cache
+from kilnflight.store.cache import cached, make_whole
 from kilnflight.twin.scene import Twin
 
 

@@ -3,7 +3,7 @@ import re
 import nbformat
 import pytest
 
-from kilnflight.project import notebooks
+from kilnflight.publication import notebooks
 
 SOURCE = """# %% [markdown]
 # # A notebook

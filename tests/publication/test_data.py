@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import data
+from kilnflight.publication import data
 
 CONTENT = b"tracks"
 NAME = "belt/t.zip"
@@ -15,7 +15,7 @@ NAME = "belt/t.zip"
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
     """The folder of the data; one small file is known, at the address that `offer` writes."""
-    monkeypatch.setattr("kilnflight.project.paths.external", lambda: tmp_path / "external")
+    monkeypatch.setattr("kilnflight.store.paths.external", lambda: tmp_path / "external")
     monkeypatch.setattr(data, "REGISTRY", tmp_path / "registry.txt")
     monkeypatch.setitem(data.SHA256, NAME, hashlib.sha256(CONTENT).hexdigest())
     return tmp_path / "external"

@@ -1,1 +1,0 @@
-"""Infrastructure: figures, claims, notebooks, cache; it knows no physics."""

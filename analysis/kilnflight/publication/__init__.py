@@ -1,0 +1,1 @@
+"""What the project publishes: figures, claims, choices, notebooks, fetched data; no physics."""
