@@ -14,7 +14,7 @@ from tests.definitions import clusters
 
 from kilnflight.camera import calibrate_depth
 from kilnflight.detection import DBSCAN, Clusterer, MorphologicalClustering, QuasiClusterCenters
-from kilnflight.twin.scenes import open_scene
+from kilnflight.simulated.kiln.scenes import open_scene
 
 WALL, PARTICLES = DBSCAN(50.0, 10), DBSCAN(15.0, 10)  # of the two passes, sec. 5.1.3
 

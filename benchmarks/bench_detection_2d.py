@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.otsu import SMALLEST_PX, otsu_threshold
-from kilnflight.twin.scenes import open_scene
+from kilnflight.simulated.kiln.scenes import open_scene
 
 GAIN = 65535 / 255  # 16-bit grey values per grey value of 8 bits
 

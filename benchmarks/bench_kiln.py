@@ -24,7 +24,7 @@ from kilnflight.background import Median
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination, View, second_pass
 from kilnflight.recording.frames import Attributes, Frame
-from kilnflight.twin.scenes import open_scene
+from kilnflight.simulated.kiln.scenes import open_scene
 
 THRESHOLD = 100.0  # grey values; found for most subsets (Table 5.6), and taken for campaigns
 STEPS = ("background", "calibration, flame", "DoG", "clustering", "smoothing", "evidence, cases")

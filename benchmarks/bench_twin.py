@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from measure import Row, compare
 
-from kilnflight.twin import picture as drawing
-from kilnflight.twin import scenes
+from kilnflight.simulated.kiln import picture as drawing
+from kilnflight.simulated.kiln import scenes
 
 
 def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:

@@ -32,9 +32,9 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
+from kilnflight.simulated.kiln.scenes import open_scene
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
-from kilnflight.twin.scenes import open_scene
 
 SIZES = {
     "frames": (100, 300, 1000, 3000),

@@ -34,8 +34,8 @@ from matplotlib import cbook
 
 from kilnflight import camera
 from kilnflight.publication import figures, style
+from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.store import paths
-from kilnflight.twin.geometry import Geometry
 
 style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]

@@ -27,12 +27,12 @@ from tqdm import tqdm
 
 from kilnflight.experiments import detection, flights, identified, light_fit, sensitivity
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln.feeding import LABELLED
+from kilnflight.simulated.kiln.laws import LAWS
+from kilnflight.simulated.kiln.light import Optics
+from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.store import paths
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.feeding import LABELLED
-from kilnflight.twin.flights import LAWS
-from kilnflight.twin.light import Optics
-from kilnflight.twin.scene import Twin
 
 style.use_style()
 particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]

@@ -29,10 +29,10 @@ from kilnflight.detection import k_distances
 from kilnflight.experiments import detection
 from kilnflight.publication import claims, figures, style
 from kilnflight.scores.intervals import DRAWS
+from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln.feeding import LABELLED
+from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.store import paths
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.feeding import LABELLED
-from kilnflight.twin.geometry import Geometry
 
 style.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]

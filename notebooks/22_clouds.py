@@ -38,7 +38,7 @@ from kilnflight.detection.combination import centers, sort_clusters
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.experiments import detection, detection_tables, plots
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.twin.scene import Twin
+from kilnflight.simulated.kiln.scene import Twin
 
 # %%
 style.use_style()

@@ -32,8 +32,8 @@ from kilnflight import tracklets
 from kilnflight.experiments import campaigns, ignition, plots, trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.simulated.kiln import scenes
 from kilnflight.tracklets.joining import Joining
-from kilnflight.twin import scenes
 
 style.use_style()
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)

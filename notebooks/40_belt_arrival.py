@@ -27,7 +27,7 @@ from kilnflight.belt.phase import PredictionPhase, arrival_deviations
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.sorter.friction import GRAVITY_MM_S2
+from kilnflight.simulated.belt.friction import GRAVITY_MM_S2
 
 files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN

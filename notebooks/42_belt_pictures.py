@@ -21,8 +21,8 @@ from kilnflight.belt import tracker
 from kilnflight.belt.camera import BELT, Area
 from kilnflight.experiments import belt_2016, belt_2020
 from kilnflight.publication import figures, style
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import Pictures, at_rate
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import Pictures, at_rate
 
 files = belt_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"

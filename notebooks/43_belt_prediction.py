@@ -23,8 +23,8 @@ from kilnflight.belt.tracker import constant_velocity
 from kilnflight.experiments import belt_2016, belt_2020
 from kilnflight.experiments.belt_2016 import PHASE_2016, SIM, STRAIGHT, TRACKING
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import Pictures
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import Pictures
 
 files = belt_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"

@@ -24,8 +24,8 @@ from kilnflight import belt
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments import belt_2016, belt_2020, belt_valves
 from kilnflight.publication import figures, style
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import Pictures
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import Pictures
 
 files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN

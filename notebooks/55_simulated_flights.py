@@ -30,9 +30,9 @@ from scipy import stats
 from kilnflight.experiments import campaigns, plots
 from kilnflight.publication import figures, style
 from kilnflight.scores.flights import METRES, outcomes
-from kilnflight.twin import truth
-from kilnflight.twin.flights import ENDS, LONGEST_S, released
-from kilnflight.twin.geometry import Geometry
+from kilnflight.simulated.kiln import truth
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import ENDS, LONGEST_S, released
 
 SHOWN = 40  # flights of each fraction
 

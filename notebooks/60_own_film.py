@@ -30,8 +30,8 @@ from kilnflight.publication import figures, style
 from kilnflight.run.pictures import pictures
 from kilnflight.scores import rates, score_detections, score_tracks
 from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
+from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.store import paths
-from kilnflight.twin import scenes, truth
 
 style.use_style()
 frames = range(600, 600 + {"quick": 20, "standard": 60, "full": 150}[scale])

@@ -24,9 +24,9 @@ from kilnflight.publication import data, style
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
 from kilnflight.regression import Fit
+from kilnflight.simulated.kiln import scenes
 from kilnflight.store.cache import locked
 from kilnflight.tables import BELT_TRACKS
-from kilnflight.twin import scenes
 
 mpl.use("Agg")
 PROJECT = Path(__file__).resolve().parents[1]

@@ -20,12 +20,12 @@ from kilnflight.detection.otsu import otsu_threshold
 from kilnflight.flight import space_sliced_velocity
 from kilnflight.regression import Regression, regress, regress_all
 from kilnflight.scores import score_detections, score_tracks
+from kilnflight.simulated.kiln import scenes
 from kilnflight.store.parallel import Workers
 from kilnflight.tracking import track
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import STEPS, postprocess
-from kilnflight.twin import scenes
 
 CLUSTERERS = [DBSCAN(30.0, 4), MorphologicalClustering(40), QuasiClusterCenters(k=5, alpha=0.5)]
 DETECTORS = [DoG(500.0), Otsu()]

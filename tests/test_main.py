@@ -31,8 +31,8 @@ def twin(monkeypatch, small):
         return small
 
     seeds = []
-    monkeypatch.setattr("kilnflight.twin.scenes.open_scene", open_scene)
-    monkeypatch.setattr("kilnflight.twin.truth.tables", lambda *_: TRUTH)
+    monkeypatch.setattr("kilnflight.simulated.kiln.scenes.open_scene", open_scene)
+    monkeypatch.setattr("kilnflight.simulated.kiln.truth.tables", lambda *_: TRUTH)
     return seeds
 
 

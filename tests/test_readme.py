@@ -14,8 +14,8 @@ import tifffile
 from tests.definitions import films
 
 from kilnflight.__main__ import main
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import Pictures
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import Pictures
 from kilnflight.tables import BELT_PREDICTED
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -31,9 +31,9 @@ tables, checks   columns and units of every table; checks of input and their err
 arrays           types of arrays
 kiln             the whole way from a frame to a flight
 run              a recording of one's own: open, detect, track, plot, summarise, report
-twin             a kiln whose truth is known: flights as printed, camera, scenes
 belt             the sorter of both papers: spots, tracker, models, valves
-sorter           what the belt's camera sees: rendered pictures, a small model of the belt
+simulated.kiln   a kiln whose truth is known (the twin): flights as printed, camera, scenes
+simulated.belt   what the belt's camera sees: rendered pictures, a small model of the belt
 experiments      what two notebooks share, or is longer than a page
 publication      figures, claims, choices, notebooks, fetched data; no physics
 store            files written whole: cached tables, folders, an index; processes

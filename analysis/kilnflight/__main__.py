@@ -56,7 +56,7 @@ def _info(options: argparse.Namespace) -> None:
 
 def _export(options: argparse.Namespace) -> None:
     from kilnflight.recording.store import write_recording
-    from kilnflight.twin import scenes, truth
+    from kilnflight.simulated.kiln import scenes, truth
 
     recording = scenes.open_scene(options.scene, seed=options.seed)
     frames = range(*options.frames or (len(recording),))

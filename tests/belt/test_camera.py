@@ -12,8 +12,8 @@ from kilnflight.belt.camera import (
     find_corners,
 )
 from kilnflight.checks import InputError
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import CameraView, Pictures
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import CameraView, Pictures
 from kilnflight.tables import BELT_TRACKS
 
 

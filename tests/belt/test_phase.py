@@ -21,7 +21,7 @@ from kilnflight.belt.phase import (
 )
 from kilnflight.belt.tracker import LEFT, Appearance, BeltTracker, constant_velocity
 from kilnflight.checks import InputError
-from kilnflight.sorter import friction
+from kilnflight.simulated.belt import friction
 from kilnflight.tables import BELT_TRACKS
 
 PHASE = PredictionPhase()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.experiments import belt_2016
-from kilnflight.sorter.friction import FrictionBelt
+from kilnflight.simulated.belt.friction import FrictionBelt
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 

@@ -9,7 +9,7 @@ from kilnflight.belt import PredictionPhase
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments import belt_valves
 from kilnflight.experiments.belt_valves import Entering, draw_lots
-from kilnflight.sorter.friction import MATERIALS
+from kilnflight.simulated.belt.friction import MATERIALS
 
 BAR = ValveBar()
 

@@ -8,7 +8,7 @@ from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables, sift_row
 from kilnflight.publication import claims
-from kilnflight.twin import truth
+from kilnflight.simulated.kiln import truth
 
 MEDIAN = background.Median(window=20)
 

@@ -8,9 +8,9 @@ import pytest
 
 from kilnflight.experiments import identified
 from kilnflight.publication import claims
-from kilnflight.twin import scenes
-from kilnflight.twin.flights import LAWS
-from kilnflight.twin.scene import Twin
+from kilnflight.simulated.kiln import scenes
+from kilnflight.simulated.kiln.laws import LAWS
+from kilnflight.simulated.kiln.scene import Twin
 
 
 def test_a_parabola_is_regular_and_a_wave_is_not():

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
+from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.store import cache
 from kilnflight.store.cache import cached, make_whole
-from kilnflight.twin.scene import Twin
 
 
 def test_a_write_that_is_interrupted_leaves_the_old_file(tmp_path):
@@ -70,7 +70,7 @@ def test_imported_code_and_data_beside_it_count(tmp_path, monkeypatch):
     copy = shutil.copytree(cache.PACKAGE, tmp_path / "kilnflight")
     hashes = [cache.code_hash(Twin)]
     monkeypatch.setattr(cache, "PACKAGE", copy)
-    for name in ("__main__.py", "arrays.py", "twin/new.csv"):
+    for name in ("__main__.py", "arrays.py", "simulated/kiln/new.csv"):
         with (copy / name).open("a") as file:
             file.write("# changed\n")
         cache._closure_hash.cache_clear()

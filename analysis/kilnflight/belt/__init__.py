@@ -9,8 +9,8 @@ The 2016 and 2020 papers::
 
 `online` takes the same steps picture by picture, as a running sorter.
 
-Pictures and tracks are input: those of `kilnflight.sorter`, or the authors' (`recordings`). Filter,
-gate and assignment are the kiln's.
+Pictures and tracks are input: those of `kilnflight.simulated.belt`, or the authors' (`recordings`).
+Filter, gate and assignment are the kiln's.
 
 ==========  ==========  ===========================================  ================
 arrival     equation    parameter from calibration                   reference

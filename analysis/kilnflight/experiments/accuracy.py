@@ -23,12 +23,12 @@ from kilnflight.kiln import KilnRun
 from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.truth import metre_velocities
 from kilnflight.store import parallel
 from kilnflight.tracking.filter import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
-from kilnflight.twin.geometry import FULL_SCALE
-from kilnflight.twin.truth import metre_velocities
 
 Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
@@ -55,7 +55,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         ``velocity_m_s`` within the first metre; ``velocity_1_m_s`` to ``velocity_5_m_s`` within
         each metre (Eq. 5.8; NaN if not passed); ``ignition_s`` after the release (NaN: never);
         ``whole``: released and ended within the frames; ``measurable``: visible in the air at
-        five positions or more (`kilnflight.twin.truth.true_trajectories`).
+        five positions or more (`kilnflight.simulated.kiln.truth.true_trajectories`).
     """
     twin, frames = campaigns.twin_of(campaign), campaign.frames
     flights, rate = twin.life.flights, twin.scene.frame_rate_hz

@@ -28,7 +28,7 @@ from kilnflight.belt.tracker import (
     constant_velocity,
 )
 from kilnflight.scores.intervals import percentiles
-from kilnflight.sorter.rendering import Pictures, at_rate
+from kilnflight.simulated.belt.rendering import Pictures, at_rate
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # last 10 cm of the belt (section IV)

@@ -25,7 +25,7 @@ from kilnflight.belt.phase import SUMMARY, Deviations, Observed, PredictionPhase
 from kilnflight.belt.recordings import read_dem
 from kilnflight.checks import InputError
 from kilnflight.publication import claims, data, style
-from kilnflight.sorter.friction import MATERIALS
+from kilnflight.simulated.belt.friction import MATERIALS
 from kilnflight.tables import BELT_TRACKS
 
 AUTHORS, OWN = "authors-dem", "own-simulation"  # sources of tracks
@@ -77,7 +77,7 @@ def load_tracks(
     ----------
     files
         The authors' files by material, from `find_dem`; empty: the friction model
-        (`kilnflight.sorter.friction`) takes their place.
+        (`kilnflight.simulated.belt.friction`) takes their place.
     seed
         Seed of the friction model.
     particles

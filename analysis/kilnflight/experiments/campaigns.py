@@ -42,13 +42,18 @@ from kilnflight.flight import (
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.simulated.kiln import truth
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.scene import Twin
+from kilnflight.simulated.kiln.scenes import (
+    PRESSURES_BAR,
+    campaign_name,
+    open_scene,
+    scene_name,
+)
 from kilnflight.store.cache import CachedTable
 from kilnflight.store.parallel import Workers
 from kilnflight.tables import TRAJECTORIES
-from kilnflight.twin import truth
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, scene_name
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
@@ -166,7 +171,7 @@ def campaigns(
     seed
         Seed of the scenes.
     scenario
-        One of `kilnflight.twin.scenes.SCENARIOS`.
+        One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     keys
         Fraction and pressure of some; None: all of the scale.
     """
@@ -336,8 +341,8 @@ def twin_of(campaign: Campaign) -> Twin:
 def true_positions(campaign: Campaign) -> pd.DataFrame:
     """Return true positions of visible particles in the air, one row each.
 
-    The columns are those of `kilnflight.twin.truth.sightings`. Particles with fewer than five
-    positions are left out. The table is cached.
+    The columns are those of `kilnflight.simulated.kiln.truth.sightings`. Particles with fewer than
+    five positions are left out. The table is cached.
     """
     return truth.true_trajectories(twin_of(campaign), campaign.frames)
 

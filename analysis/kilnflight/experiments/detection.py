@@ -44,8 +44,8 @@ from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, particle_centroids
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.feeding import LABELLED
+from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln.feeding import LABELLED
 
 COUNTS = ("tp", "fp", "fn")
 WARM_UP_POINTS = 2000  # points of the untimed first call
@@ -115,7 +115,7 @@ def labelled_subsets(
     frames
         Number of labelled frames of each subset; 0: as many as in `FRAMES`.
     scenario
-        One of `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
+        One of `kilnflight.simulated.kiln.scenes.SCENARIOS`, or several joined by +.
     """
     if not 0 <= frames <= (most := len(LABELLED)):
         raise InputError(f"labelled_subsets: frames={frames}, but {most} are labelled.")

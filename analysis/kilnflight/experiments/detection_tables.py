@@ -19,7 +19,7 @@ from kilnflight.experiments.detection import (
 from kilnflight.publication import claims
 from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.intervals import DRAWS
-from kilnflight.twin import truth
+from kilnflight.simulated.kiln import truth
 
 RATES = ["precision", "recall", "f1"]
 

@@ -25,11 +25,11 @@ from kilnflight.scores.flights import (
     remaining,
 )
 from kilnflight.scores.intervals import Interval
-from kilnflight.twin.flights import released
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.scenes import PRESSURES_BAR
-from kilnflight.twin.truth import true_flight_values
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import released
+from kilnflight.simulated.kiln.scenes import PRESSURES_BAR
+from kilnflight.simulated.kiln.truth import true_flight_values
 
 Values = Mapping[CampaignKey, FlightValues]
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")

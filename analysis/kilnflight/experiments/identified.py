@@ -17,10 +17,10 @@ from kilnflight.camera import inside
 from kilnflight.detection.wall import crossing
 from kilnflight.flight import slices
 from kilnflight.regression import fits, regress_all
+from kilnflight.simulated.kiln.feeding import LABELLED
+from kilnflight.simulated.kiln.laws import LONGEST_S, Law, fly
+from kilnflight.simulated.kiln.scene import Scene, Twin
 from kilnflight.tracklets.eliminate import Elimination, regularity
-from kilnflight.twin.feeding import LABELLED
-from kilnflight.twin.flights import LONGEST_S, Law, fly
-from kilnflight.twin.scene import Scene, Twin
 
 WINDOW = 100  # frames of paper shreds in Table 5.15
 LASTING = 15  # frames: trajectories "continue for some time" (sec. 5.2.1)

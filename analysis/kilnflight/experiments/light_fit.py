@@ -1,10 +1,10 @@
 """The fit of the simulation's light to what the thesis prints of brightness and size.
 
 ``python -m kilnflight.experiments.light_fit`` fits for some ten minutes, prints the inputs, and
-compares them with the thesis for three seeds. `kilnflight.twin.light.Optics` has its result,
-rounded by hand. It looks at Otsu's method alone: precision and recall by subset (Table 5.5), recall
-of burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexposed
-(section 3.1). The background is the simulation's own without particles.
+compares them with the thesis for three seeds. `kilnflight.simulated.kiln.light.Optics` has its
+result, rounded by hand. It looks at Otsu's method alone: precision and recall by subset (Table
+5.5), recall of burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are
+overexposed (section 3.1). The background is the simulation's own without particles.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from kilnflight.detection import Otsu
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.publication import claims
 from kilnflight.scores import score_detections
-from kilnflight.twin import scenes
-from kilnflight.twin.feeding import BURNING, LABELLED, ON_WALL, UNLIT
-from kilnflight.twin.geometry import FULL_SCALE
-from kilnflight.twin.light import Optics
-from kilnflight.twin.scene import Twin
+from kilnflight.simulated.kiln import scenes
+from kilnflight.simulated.kiln.feeding import BURNING, LABELLED, ON_WALL, UNLIT
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.light import Optics
+from kilnflight.simulated.kiln.scene import Twin
 
 FITTED = ("paper", "paper_spread", "flame", "thick_mm", "gas_mm", "flame_softness")
 SEEDS = (0, 1, 2)
@@ -74,7 +74,7 @@ def _counts(twin: Twin, background: Single, t: int) -> dict[str, float]:
     view = twin.view(t)
     gray = twin.exposed(t, view.picture)
     foreground = np.rint(np.maximum(gray - background, 0.0)).astype(np.uint16)
-    foreground[flame_mask(gray, twin.scene.surroundings.flame_roi)] = 0
+    foreground[flame_mask(gray, twin.scene.interior.flame_roi)] = 0
     roi = twin.scene.roi
     marked = view.visible & inside(roi, view.blobs.row, view.blobs.column)
     places = np.column_stack([view.blobs.row, view.blobs.column])[marked]

@@ -25,10 +25,10 @@ from kilnflight.detection.combination import Combination
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection_tables import beside_published, with_total
 from kilnflight.publication import claims
+from kilnflight.simulated.kiln import truth
+from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.store import paths
 from kilnflight.store.cache import write_whole
-from kilnflight.twin import truth
-from kilnflight.twin.scene import Twin
 
 EDGES = (10.0, 20.0, 25.0, 30.0, 35.0, 40.0, 50.0)  # r
 CLUTTER = (1500.0, 2000.0, 2500.0, 3000.0)  # mean grey value of a spot
@@ -37,7 +37,7 @@ CLUTTER = (1500.0, 2000.0, 2500.0, 3000.0)  # mean grey value of a spot
 def with_clutter(subset: detection.Subset, gray: float) -> detection.Subset:
     """Return a labelled subset with another strength of its clutter, in grey values."""
     scene = cast(Twin, subset.recording).scene
-    twin = Twin(replace(scene, surroundings=replace(scene.surroundings, clutter_gray=gray)))
+    twin = Twin(replace(scene, interior=replace(scene.interior, clutter_gray=gray)))
     return subset._replace(
         recording=twin,
         particles=truth.marked(twin, subset.frames),

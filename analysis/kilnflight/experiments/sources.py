@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import cached_scene
+from kilnflight.simulated.kiln.scene import Twin
+from kilnflight.simulated.kiln.scenes import cached_scene
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,16 @@ from kilnflight.experiments.tracking_scores import (
     score_cell,
 )
 from kilnflight.scores.detections import pair
+from kilnflight.simulated.kiln.scene import Twin
+from kilnflight.simulated.kiln.scenes import (
+    WINDOWS,
+    campaign_name,
+    scene_name,
+    tracking_window,
+)
+from kilnflight.simulated.kiln.truth import at_notes, followed, kept_marks, noted
 from kilnflight.store.parallel import Workers
 from kilnflight.tracklets.paths import PathStep
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_window
-from kilnflight.twin.truth import at_notes, followed, kept_marks, noted
 
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
@@ -52,7 +57,7 @@ class Window(NamedTuple):
     fraction: str
     frames: range
     detections: pd.DataFrame  # `kilnflight.tables.DETECTIONS` in the air, or without depth
-    truth: pd.DataFrame  # noted positions of particles in the air (`kilnflight.twin.truth.noted`)
+    truth: pd.DataFrame  # noted positions in the air (`kilnflight.simulated.kiln.truth.noted`)
     visible: pd.DataFrame  # the same with all visible positions, noted or not
     differences: StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
     lance: Lance  # its outlet
@@ -103,7 +108,7 @@ def windows(
     by_starts
         Whether windows are chosen by the flights that start in them, see `tracking_window`.
     scenario
-        One of `kilnflight.twin.scenes.SCENARIOS`.
+        One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     """
     detector = Combination(sift(settings.threshold))
     background = BACKGROUNDS[scale]

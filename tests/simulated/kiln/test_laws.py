@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.twin import truth
-from kilnflight.twin.flights import ENDS, GRAVITY_M_S2, LAWS, burning, fly, released
-from kilnflight.twin.geometry import Geometry
+from kilnflight.simulated.kiln import truth
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import ENDS, GRAVITY_M_S2, LAWS, burning, fly, released
 
 PLACE = Geometry()
 RUNS = pytest.mark.parametrize(("fraction", "bar"), LAWS)

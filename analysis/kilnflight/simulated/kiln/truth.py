@@ -18,11 +18,11 @@ from kilnflight.arrays import Array, Single
 from kilnflight.camera import inside
 from kilnflight.checks import InputError
 from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.laws import BURNT_OUT, LANDED, Flights
+from kilnflight.simulated.kiln.picture import VISIBLE_PX
+from kilnflight.simulated.kiln.scene import SceneView, Twin
 from kilnflight.store.cache import CachedTable
-from kilnflight.twin.flights import BURNT_OUT, LANDED, Flights
-from kilnflight.twin.geometry import FULL_SCALE
-from kilnflight.twin.picture import VISIBLE_PX
-from kilnflight.twin.scene import SceneView, Twin
 
 # A person who notes positions on an 8-bit screen recognises an object at a contrast of 5 % (WMO,
 # meteorological optical range); assumption. The wall has 78 of 255 steps, so that is 4.
@@ -46,9 +46,9 @@ def particles(twin: Twin) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns of `kilnflight.twin.life.Life`, and ``crossing_1m_s`` ... ``crossing_5m_s``:
-        when the particle first was that far from the lance along the kiln, in s from its
-        release; NaN if never.
+        The columns of `kilnflight.simulated.kiln.life.Life`, and ``crossing_1m_s`` ...
+        ``crossing_5m_s``: when the particle first was that far from the lance along the kiln, in s
+        from its release; NaN if never.
     """
     table = twin.life.table.copy()
     crossed = twin.life.flights.crossings()
@@ -151,11 +151,12 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a
-        person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
-        `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``; true ``x``, ``y``,
-        ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera coordinates;
-        ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available").
+        ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a person
+        would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
+        `kilnflight.simulated.kiln.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``; true
+        ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
+        coordinates; ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D
+        available").
     """
     view = twin.view(t)
     deep = np.isin(view.moment.particle, twin.particles_with_depth(t, view))

@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import light_fit
-from kilnflight.twin import picture as drawing
-from kilnflight.twin import scenes
-from kilnflight.twin.background import PLATE, Background, Surroundings
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.geometry import FULL_SCALE, Geometry
-from kilnflight.twin.life import Moment
-from kilnflight.twin.light import Optics, draw_looks
-from kilnflight.twin.scene import Twin
+from kilnflight.simulated.kiln import picture as drawing
+from kilnflight.simulated.kiln import scenes
+from kilnflight.simulated.kiln.background import PLATE, Background, Interior
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
+from kilnflight.simulated.kiln.life import Moment
+from kilnflight.simulated.kiln.light import Optics, draw_looks
+from kilnflight.simulated.kiln.scene import Twin
 
 PLACE, OPTICS = Geometry(), Optics()
 
@@ -94,8 +94,8 @@ def test_an_unlit_particle_flickers_about_its_mean():
 def without_particles(clutter):
     """Return a small scene in which nothing flies."""
     scene = scenes.downscaled(scenes.campaign("wood chip", 4.5))
-    around = replace(scene.surroundings, clutter=clutter)
-    return Twin(replace(scene, count=0, surroundings=around))
+    around = replace(scene.interior, clutter=clutter)
+    return Twin(replace(scene, count=0, interior=around))
 
 
 def test_clutter_is_slow_faint_and_belongs_to_no_particle():
@@ -110,7 +110,7 @@ def test_clutter_is_slow_faint_and_belongs_to_no_particle():
 
 
 def test_clutter_has_the_asked_number_and_strength():
-    around = replace(Surroundings(), clutter=400.0, clutter_gray=1000.0)
+    around = replace(Interior(), clutter=400.0, clutter_gray=1000.0)
     spots = Background(PLACE, OPTICS, around, 5)._clutter
     assert len(spots.spot) == 1600  # a quarter of them shines at a time
     assert spots.spot.max(axis=(1, 2)).mean() == pytest.approx(1000, rel=0.1)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.sorter.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
+from kilnflight.simulated.belt.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
 from kilnflight.tables import BELT_TRACKS
 
 # One row of particles without collisions, spread or rolling friction: closed forms apply.

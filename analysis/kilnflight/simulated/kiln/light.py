@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Index
-from kilnflight.twin.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
 
 SHUTTER_S = 2.5e-3  # at which the wall has its level; just below the frame period of 330/s
 SINES = 3  # of a flutter

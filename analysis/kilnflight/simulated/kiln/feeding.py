@@ -14,10 +14,10 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Index
 from kilnflight.camera import inside
-from kilnflight.twin.flights import LAWS, Flights, fly
-from kilnflight.twin.fuel import FRACTIONS, find_fraction
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.life import Life
+from kilnflight.simulated.kiln.fuel import FRACTIONS, find_fraction
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
+from kilnflight.simulated.kiln.life import Life
 
 LABELLED = range(75, 85)  # frames of a subset, with 75 before and after for the backgrounds
 LEAD_S = 1.0  # from the begin of the feeding to the first frame

@@ -12,12 +12,12 @@ import pytest
 
 from kilnflight.camera import calibrate_points
 from kilnflight.recording.frames import check_frame
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.background import Background, Surroundings
-from kilnflight.twin.feeding import LABELLED
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.lenses import LensCamera, LensWall
-from kilnflight.twin.light import Optics
+from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln.background import Background, Interior
+from kilnflight.simulated.kiln.feeding import LABELLED
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.lenses import LensCamera, LensWall
+from kilnflight.simulated.kiln.light import Optics
 
 PLACE = Geometry()
 
@@ -94,7 +94,7 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
     name = "wood-chip-4.5-bar@small"
     first = scenes.cached_scene(name)
     monkeypatch.setattr(
-        "kilnflight.twin.scene.LensWall.of", lambda *_: pytest.fail("worked out again")
+        "kilnflight.simulated.kiln.scene.LensWall.of", lambda *_: pytest.fail("worked out again")
     )
     kept = scenes.cached_scene(name)
     same_frame(kept.frame(205), first.frame(205))
@@ -103,10 +103,10 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
 
 def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contrast():
     # with this seed two pixels at the limit are equal
-    camera, surroundings = LensCamera(), Surroundings()
-    background = Background(Geometry(), Optics(), surroundings, 23)
+    camera, interior = LensCamera(), Interior()
+    background = Background(Geometry(), Optics(), interior, 23)
     bias = camera.calibration(1536, 2048, 0)
-    wall = LensWall.of(camera, background, Optics(), surroundings.edge_px, bias)
+    wall = LensWall.of(camera, background, Optics(), interior.edge_px, bias)
     assert len(wall.index) == int(camera.wall_points / camera.kept_per_frame)
     assert (np.diff(wall.index) > 0).all()
 

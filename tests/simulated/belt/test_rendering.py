@@ -6,8 +6,8 @@ import pytest
 
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError
-from kilnflight.sorter.bulk import BULKS
-from kilnflight.sorter.rendering import CameraView, Pictures, at_rate
+from kilnflight.simulated.belt.bulk import BULKS
+from kilnflight.simulated.belt.rendering import CameraView, Pictures, at_rate
 from kilnflight.tables import BELT_TRACKS
 
 LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)

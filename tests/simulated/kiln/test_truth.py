@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.geometry import FULL_SCALE
-from kilnflight.twin.picture import Pixels
-from kilnflight.twin.scene import SceneView
+from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.picture import Pixels
+from kilnflight.simulated.kiln.scene import SceneView
 
 STEP = FULL_SCALE / 255  # of an 8-bit screen
 

@@ -25,10 +25,10 @@ from numba import njit
 
 from kilnflight.arrays import Array, Flags, Index, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
-from kilnflight.twin.background import Background
-from kilnflight.twin.geometry import FULL_SCALE
-from kilnflight.twin.light import Optics
-from kilnflight.twin.picture import Blobs, Pixels
+from kilnflight.simulated.kiln.background import Background
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.light import Optics
+from kilnflight.simulated.kiln.picture import Blobs, Pixels
 
 FULL_COLUMNS = 2048
 BLOCKS = 3  # per lens and direction, in which contrast is summed

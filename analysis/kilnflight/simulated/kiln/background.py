@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Single
-from kilnflight.twin.geometry import FULL_SCALE, Geometry
-from kilnflight.twin.light import Optics
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
+from kilnflight.simulated.kiln.light import Optics
 
 ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
 # Cells around and along the wall of each scale of its texture, and its weight
@@ -45,7 +45,7 @@ CLUTTER_PX, CLUTTER_S, CLUTTER_SHARE = (2.0, 6.0), (0.6, 1.6), 0.25
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Interior:
     """Regions of the picture, as a recording states them."""
 
     # Rectangle of the burner's flame: first row, last row, first column, last column.
@@ -172,7 +172,7 @@ class Background:
 
     geometry: Geometry
     optics: Optics
-    surroundings: Surroundings
+    interior: Interior
     seed: int
 
     def _texture(self, around: Array, along: Array) -> Array:
@@ -199,7 +199,7 @@ class Background:
     @cached_property
     def nozzle_m(self) -> Array:
         """Mouth of the burner in kiln coordinates, (3,)."""
-        top, bottom, left, right = self.surroundings.flame_roi
+        top, bottom, left, right = self.interior.flame_roi
         pixel = top + NOZZLE[0] * (bottom - top), left + NOZZLE[1] * (right - left)
         return self.geometry.to_kiln(self.geometry.unproject(*pixel, NOZZLE_DEPTH_MM))
 
@@ -233,7 +233,7 @@ class Background:
 
     def _burn(self, picture: Single, time_s: float) -> None:
         """Draw the burner's flame: an ellipse that begins at the nozzle, away from the lance."""
-        top, bottom, left, right = self.surroundings.flame_roi
+        top, bottom, left, right = self.interior.flame_roi
         ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
         (row0, row1), (col0, col1) = self.geometry.project(self.geometry.to_camera(ends_m))
         down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(row1 - row0, col1 - col0)
@@ -255,7 +255,7 @@ class Background:
 
     @cached_property
     def _clutter(self) -> Clutter:
-        count = round(self.surroundings.clutter / CLUTTER_SHARE)
+        count = round(self.interior.clutter / CLUTTER_SHARE)
         generator = np.random.default_rng([self.seed, 107])
         scale = self.geometry.columns / FULL_COLUMNS
         radius = generator.uniform(*CLUTTER_PX, (count, 1, 1)) * scale
@@ -265,7 +265,7 @@ class Background:
         corner = np.round(centre).astype(np.intp) - reach
         offset = np.arange(2 * reach + 1) - (centre - corner)[:, :, None]
         profile = np.exp(-((offset / radius) ** 2) / 2)
-        mean = self.surroundings.clutter_gray * self.optics.exposure
+        mean = self.interior.clutter_gray * self.optics.exposure
         gray = generator.exponential(mean, (count, 1, 1))
         low, high = np.log(CLUTTER_S)
         return Clutter(
@@ -321,7 +321,7 @@ class Background:
         """Return the picture (rows, columns) at a time, without particles and noise."""
         picture = self._local(time_s)
         artefacts = np.float32(EDGE_STRENGTH * self.common(2 * time_s))
-        edge = self.surroundings.edge_px
+        edge = self.interior.edge_px
         middle = slice(edge, -edge)
         edges = _edges(*picture.shape, edge)
         for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):

@@ -20,12 +20,12 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Index
 from kilnflight.checks import InputError
+from kilnflight.simulated.kiln.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.light import Optics
+from kilnflight.simulated.kiln.scene import Scene, Twin
 from kilnflight.store import paths
 from kilnflight.store.cache import code_hash, locked, write_whole
-from kilnflight.twin.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.light import Optics
-from kilnflight.twin.scene import Scene, Twin
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
@@ -146,7 +146,7 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
 
 def downscaled(scene: Scene) -> Scene:
     """Return a scene for trials: a camera with a quarter of the rows and columns."""
-    place, around, depth = scene.geometry, scene.surroundings, scene.depth
+    place, around, depth = scene.geometry, scene.interior, scene.depth
     pixel = (place.lance_pixel[0] / 4, place.lance_pixel[1] / 4)
     top, bottom, left, right = (edge // 4 for edge in around.flame_roi)
     return replace(
@@ -158,9 +158,7 @@ def downscaled(scene: Scene) -> Scene:
             rows=place.rows // 4,
             columns=place.columns // 4,
         ),
-        surroundings=replace(
-            around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4
-        ),
+        interior=replace(around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4),
         depth=replace(depth, wall_points=depth.wall_points // 16),
     )
 
@@ -186,7 +184,7 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "thin-flames": lambda s: replace(s, optics=replace(s.optics, **_THIN)),
     "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
     "dark-bodies": lambda s: replace(s, optics=replace(s.optics, bodies=_DARK)),
-    "no-clutter": lambda s: replace(s, surroundings=replace(s.surroundings, clutter=0.0)),
+    "no-clutter": lambda s: replace(s, interior=replace(s.interior, clutter=0.0)),
     "exact-wall": lambda s: replace(s, depth=replace(s.depth, wall_particle_mm=150.0)),
     "steady-bodies": lambda s: replace(s, optics=replace(s.optics, tumble=0.0)),
 }

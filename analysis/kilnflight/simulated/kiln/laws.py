@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Integers
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.geometry import Geometry
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.geometry import Geometry
 
 GRAVITY_M_S2 = 9.81
 ENDS = ("landed", "burnt out", "left the kiln", "still flying")

@@ -14,10 +14,10 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Index, Single
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.geometry import FULL_SCALE, Geometry, unit_vectors
-from kilnflight.twin.life import Moment
-from kilnflight.twin.light import Looks, Optics
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, unit_vectors
+from kilnflight.simulated.kiln.life import Moment
+from kilnflight.simulated.kiln.light import Looks, Optics
 
 VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark; assumption
 VISIBLE_PX = 5  # pixels of that contrast; assumption

@@ -2,8 +2,8 @@
 
 import pytest
 
-from kilnflight.twin import scenes
-from kilnflight.twin.scene import Twin
+from kilnflight.simulated.kiln import scenes
+from kilnflight.simulated.kiln.scene import Twin
 
 
 def make_twin():

@@ -6,8 +6,8 @@ from dataclasses import fields, is_dataclass
 import pandas as pd
 import pytest
 
+from kilnflight.simulated.kiln import background, feeding, fuel, laws, life, picture, scenes
 from kilnflight.store import paths
-from kilnflight.twin import background, feeding, flights, fuel, life, picture, scenes
 
 TABLE = pd.read_csv(paths.reference() / "twin_inputs.csv", keep_default_na=False)
 
@@ -28,9 +28,9 @@ def flat(value):
 
 def test_the_listed_inputs_are_those_of_the_code():
     scene = scenes.ground_truth("V1")
-    rooms = (background, feeding, flights, life, picture, scenes)
+    rooms = (background, feeding, laws, life, picture, scenes)
     known = dict(parts(scene)) | {room.__name__.rpartition(".")[2]: room for room in rooms}
-    known |= {f"{name} at {bar} bar": law for (name, bar), law in flights.LAWS.items()}
+    known |= {f"{name} at {bar} bar": law for (name, bar), law in laws.LAWS.items()}
     known |= fuel.FRACTIONS | {"Scene": scene}
     others = {f"{name}.depth_error_mm": error for name, error in scene.depth.particle_error_mm}
     for kind in scenes.COUNTS:

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError, check_columns, check_number
-from kilnflight.sorter.bulk import Bulk
+from kilnflight.simulated.belt.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Index
-from kilnflight.twin.flights import ENDS, LANDED, Flights
-from kilnflight.twin.fuel import FRACTIONS
-from kilnflight.twin.geometry import Geometry
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
 DELAY_S = (0.01, 0.05)  # from the landing to the flame; assumption
 FLICKER_HZ = 8.0  # of flames on the wall; assumption

@@ -21,7 +21,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_VELOCITY_MM_S, BELT_WIDTH_MM
-from kilnflight.sorter.bulk import BULKS
+from kilnflight.simulated.belt.bulk import BULKS
 from kilnflight.tables import BELT_TRACKS
 
 GRAVITY_MM_S2 = 9810.0

@@ -18,13 +18,21 @@ from numba import njit
 from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
-from kilnflight.twin.background import Background, Surroundings
-from kilnflight.twin.feeding import LABELLED, feed_campaign, feed_subset, handfuls
-from kilnflight.twin.geometry import FULL_SCALE, Geometry
-from kilnflight.twin.lenses import Lattice, LensCamera, LensWall, Sight
-from kilnflight.twin.life import Life, Moment
-from kilnflight.twin.light import Looks, Optics, draw_looks
-from kilnflight.twin.picture import Blobs, Bodies, Pixels, cover, draw_bodies, paint, project
+from kilnflight.simulated.kiln.background import Background, Interior
+from kilnflight.simulated.kiln.feeding import LABELLED, feed_campaign, feed_subset, handfuls
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
+from kilnflight.simulated.kiln.lenses import Lattice, LensCamera, LensWall, Sight
+from kilnflight.simulated.kiln.life import Life, Moment
+from kilnflight.simulated.kiln.light import Looks, Optics, draw_looks
+from kilnflight.simulated.kiln.picture import (
+    Blobs,
+    Bodies,
+    Pixels,
+    cover,
+    draw_bodies,
+    paint,
+    project,
+)
 
 LEAST_DEPTH_MM = 300.0  # nearer ones are behind the camera or fill the picture
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
@@ -50,14 +58,14 @@ class Scene:
     calibration: int = 0  # seed of the depth camera's: one for all recordings of a camera
     geometry: Geometry = field(default_factory=Geometry)
     optics: Optics = field(default_factory=Optics)
-    surroundings: Surroundings = field(default_factory=Surroundings)
+    interior: Interior = field(default_factory=Interior)
     depth: LensCamera = field(default_factory=LensCamera)
 
     @property
     def roi(self) -> tuple[tuple[float, float], ...]:
         """Vertices (row, col) of the region of interest in px."""
         rows, columns = self.geometry.rows, self.geometry.columns
-        return tuple((row * rows, column * columns) for row, column in self.surroundings.roi)
+        return tuple((row * rows, column * columns) for row, column in self.interior.roi)
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ class Twin:
             pressure_bar=scene.pressure_bar,
             lance_mm=tuple(map(float, lance)),  # type: ignore[arg-type]
             roi=scene.roi,
-            flame_roi=scene.surroundings.flame_roi,
+            flame_roi=scene.interior.flame_roi,
             depth_calibration=EQUATION_2_4,
         )
 
@@ -132,7 +140,7 @@ class Twin:
     @cached_property
     def _background(self) -> Background:
         scene = self.scene
-        return Background(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+        return Background(scene.geometry, scene.optics, scene.interior, scene.seed)
 
     @cached_property
     def _noise(self) -> Single:
@@ -199,7 +207,7 @@ class Twin:
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
         moment = moment.take(of_blob)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
-        first, last, left, right = self.scene.surroundings.flame_roi
+        first, last, left, right = self.scene.interior.flame_roi
         # a person sees a flame where it is far brighter than the wall, or saturated
         bright = picture[first:last, left:right] >= min(2.5 * optics.at_wall, FULL_SCALE)
         labels[first:last, left:right][bright] = 1
@@ -223,7 +231,7 @@ class Twin:
 
     @cached_property
     def _wall(self) -> LensWall:
-        scene, edge = self.scene, self.scene.surroundings.edge_px
+        scene, edge = self.scene, self.scene.interior.edge_px
         return LensWall.of(scene.depth, self._background, scene.optics, edge, self._calibration)
 
     def _sight(self, t: int, view: SceneView) -> Sight:

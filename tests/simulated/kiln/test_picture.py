@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.twin import picture as drawing
-from kilnflight.twin.light import Optics
-from kilnflight.twin.picture import Blobs
+from kilnflight.simulated.kiln import picture as drawing
+from kilnflight.simulated.kiln.light import Optics
+from kilnflight.simulated.kiln.picture import Blobs
 
 
 def blobs(row, column, half, brightness=20_000.0, adds=True, softness=0.05):

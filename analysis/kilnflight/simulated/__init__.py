@@ -1,0 +1,1 @@
+"""What the cameras see, simulated with known truth: the kiln and the sorting belt."""
