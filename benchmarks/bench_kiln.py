@@ -19,10 +19,11 @@ import pandas as pd
 from measure import Row, compare, seconds
 from sklearn import cluster
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.background import Median
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination, View, second_pass
+from kilnflight.recording.buffer import FrameBuffer
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.simulated.kiln.scenes import open_scene
 
@@ -92,13 +93,13 @@ def steps() -> pd.DataFrame:
     recording, detector = held(), Combination(DoG(THRESHOLD))
     roi, spent = recording.attributes.roi, dict.fromkeys(STEPS, 0.0)
     cv2.setNumThreads(1)
-    kiln.detect_frames(recording, WANTED[:2], detector)  # compiles
+    chain.detect_frames(recording, WANTED[:2], detector)  # compiles
     start = time.perf_counter()
-    for _ in Median()(kiln.FrameBuffer(recording), WANTED):
+    for _ in Median()(FrameBuffer(recording), WANTED):
         pass
     spent["background"] = time.perf_counter() - start
     start = time.perf_counter()
-    for _, view in kiln.views(recording, WANTED):
+    for _, view in chain.views(recording, WANTED):
         clock = [start, time.perf_counter()]
         keypoints = detector.detector(view.foreground, roi)
         clock.append(time.perf_counter())
@@ -112,7 +113,7 @@ def steps() -> pd.DataFrame:
             spent[step] += passed
         start = time.perf_counter()
     spent["calibration, flame"] -= spent["background"]
-    _, view = next(kiln.views(recording, [SHOWN]))
+    _, view = next(chain.views(recording, [SHOWN]))
     peer = {step: seconds(call) for step, call in assembly(recording, view).items()}
     table = pd.DataFrame({"ours_percent": spent, "peer_percent": peer}, index=STEPS)
     return (100 * table / table.sum()).round(1).rename_axis("step").reset_index()
@@ -121,13 +122,13 @@ def steps() -> pd.DataFrame:
 def rows() -> list[Row]:
     """Return the comparison; ours is the mean of 64 consecutive frames, the peer has one."""
     recording, detector = held(), Combination(DoG(THRESHOLD))
-    _, view = next(kiln.views(recording, [SHOWN]))
+    _, view = next(chain.views(recording, [SHOWN]))
     plain = recording.gray(SHOWN) - np.median(window(recording), axis=0)
-    ours = next(iter(Median()(kiln.FrameBuffer(recording), [SHOWN])))
+    ours = next(iter(Median()(FrameBuffer(recording), [SHOWN])))
     np.testing.assert_array_equal(ours, np.maximum(plain, 0).astype(np.float32))
     keypoints, labels = DoG(THRESHOLD)(view.foreground), both_passes(view.xyz)
     pd.testing.assert_frame_equal(
-        kiln.detect_frames(recording, [SHOWN], detector),
+        chain.detect_frames(recording, [SHOWN], detector),
         detector.decide(view, keypoints, labels, recording.attributes.roi, SHOWN),
     )
     threads = cv2.getNumThreads()
@@ -135,7 +136,7 @@ def rows() -> list[Row]:
     calls = assembly(recording, view).values()
     row = compare(
         ("combined detection, one frame", "frames", 1, "numpy, OpenCV and scikit-learn"),
-        lambda: kiln.detect_frames(recording, WANTED, detector),
+        lambda: chain.detect_frames(recording, WANTED, detector),
         lambda: [call() for call in calls],
         share=1 / len(WANTED),
     )

@@ -26,7 +26,7 @@ from bench_kiln import SCENE, THRESHOLD, WANTED
 from bench_tracking import recording
 from measure import share_of_links
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.__main__ import main
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
@@ -82,10 +82,10 @@ def seconds(run: Callable[[], object]) -> float:
 def frames(count: int) -> dict[str, float]:
     """Return the seconds from frames to tracks."""
     film = replay(count)
-    kiln.detect_frames(film, [9], DETECTOR)  # compiles
+    chain.detect_frames(film, [9], DETECTOR)  # compiles
 
     def tracks() -> object:
-        return postprocess(track(kiln.detect_frames(film, range(count), DETECTOR)))
+        return postprocess(track(chain.detect_frames(film, range(count), DETECTOR)))
 
     return {"seconds": seconds(tracks)}
 

@@ -27,9 +27,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from kilnflight import background, kiln
+from kilnflight import background
 from kilnflight.experiments import detection, detection_tables, plots
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.recording.buffer import FrameBuffer
 
 # %%
 style.use_style()
@@ -49,7 +50,7 @@ for name in ("Mean", "Median", "Adaptive"):
 
 # %%
 subset, t = subsets[1], subsets[1].frames[0]
-stack = kiln.FrameBuffer(subset.recording)
+stack = FrameBuffer(subset.recording)
 gray, roi = stack[t], subset.recording.attributes.roi
 images = {
     name: next(iter(model.backgrounds(stack, [t])))

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import kiln, run
+from kilnflight import chain, run
 from kilnflight.recording.store import open_recording
 from kilnflight.run.preparation import prepare
 from kilnflight.run.report import doubts, summary
@@ -48,10 +48,10 @@ def outcome(prepared, tmp_path, monkeypatch):
     """Return a function from detections to the tables, the summary and the doubts of a run."""
 
     def run_with(table):
-        monkeypatch.setattr(kiln.DetectionRun, "detections", lambda _: table)
+        monkeypatch.setattr(chain.DetectionRun, "detections", lambda _: table)
         ready, _ = prepared
         object.__setattr__(ready.detection, "folder", tmp_path)
-        tables = {"detections": table} | {step: ready.table(step)() for step in kiln.KILN_STEPS}
+        tables = {"detections": table} | {step: ready.table(step)() for step in chain.CHAIN_STEPS}
         value, doubtful = summary(tables), " ".join(doubts(tables))
         assert not re.search(r"\b(?:nan|inf)\b", f"{value} {doubtful}", re.IGNORECASE)
         return tables, value, doubtful

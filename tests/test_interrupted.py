@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.__main__ import main
 
 # Kills itself when a file, counted from 0, is renamed into place.
 KILLED = """
 import os, pathlib, sys
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.__main__ import main
 
-kiln.CHUNK_FRAMES, real, done = 8, pathlib.Path.replace, []
+chain.CHUNK_FRAMES, real, done = 8, pathlib.Path.replace, []
 
 def replace(self, target):
     if len(done) == int(sys.argv[1]):
@@ -30,7 +30,7 @@ main(sys.argv[2:])
 
 @pytest.fixture(autouse=True)
 def _short_chunks(monkeypatch):
-    monkeypatch.setattr(kiln, "CHUNK_FRAMES", 8)
+    monkeypatch.setattr(chain, "CHUNK_FRAMES", 8)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def expected(command, tmp_path_factory):
     """Files of a run that nothing stops, by one process."""
     folder, patch = tmp_path_factory.mktemp("whole"), pytest.MonkeyPatch()
     with patch.context() as patched:
-        patched.setattr(kiln, "CHUNK_FRAMES", 8)
+        patched.setattr(chain, "CHUNK_FRAMES", 8)
         main(command(folder))
     return contents(folder)
 

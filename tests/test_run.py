@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 
 import kilnflight
-from kilnflight import kiln, run
+from kilnflight import chain, run
 from kilnflight.__main__ import main
+from kilnflight.flight.empty import background_gray
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
 from kilnflight.run import preparation
@@ -135,12 +136,12 @@ def test_ignition_is_read_above_the_background(stored, tmp_path):
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "radius_px": 3.0, **places})
     track["row"], track["col"] = 100.0, np.where(frame < 50, 60.0, 150.0)
-    behind = kiln.background_gray(track, ready.detection.source, range(20))
+    behind = background_gray(track, ready.detection.source, range(20))
     assert len(np.unique(behind)) == 2  # of both places
     track["gray"] = behind + 500.0 + np.sin(7 * frame)
     rising = track.assign(gray=track["gray"] + 4000.0 * (frame >= 50))
     for table, ignition in ((track, "none"), (rising, "seen")):
-        assert kiln.flights_from(ready, table, {0: fit})["ignition"].tolist() == [ignition]
+        assert chain.flights_from(ready, table, {0: fit})["ignition"].tolist() == [ignition]
 
 
 @pytest.fixture

@@ -12,14 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.flight import Plausible, Rules
 from kilnflight.recording.store import open_recording
 from kilnflight.run.preparation import Options, prepare
 from kilnflight.tracklets import Cutting
 
 STORED = Path(__file__).with_name("snapshot.parquet")
-TABLES = ("detections", *kiln.KILN_STEPS)
+TABLES = ("detections", *chain.CHAIN_STEPS)
 # The start t0 is found to 1e-8 s only. The times and velocities made of it are as exact; the
 # polynomials are of the time since t0, and errors grow with the power.
 TOLERANCE = {"t0": 1e-7, "end_": 1e-7, "dwell": 1e-6, "velocity": 1e-6, "ignition_s": 1e-6}
@@ -34,9 +34,9 @@ def made(stored_flights, tmp_path_factory):
     # the one flight of these frames counts: its first metre is fitted far too fast
     air = Plausible(150.0)
     run = replace(run, rules=Rules(plausible=air), cutting=Cutting(air.fastest_m_s))
-    kiln.make_tables([run])
+    chain.make_tables([run])
     tables = {"detections": run.detection.detections()}
-    tables |= {name: run.table(name)() for name in kiln.KILN_STEPS}
+    tables |= {name: run.table(name)() for name in chain.CHAIN_STEPS}
     if os.environ.get("KILNFLIGHT_RENEW"):
         marked = [table.assign(table=name) for name, table in tables.items()]
         pd.concat(marked, ignore_index=True).to_parquet(STORED)

@@ -29,7 +29,7 @@ ignition         when a particle ignites
 scores           detections, tracks and flights against the truth, with intervals
 tables, checks   columns and units of every table; checks of input and their error
 arrays           types of arrays
-kiln             the whole way from a frame to a flight
+chain            the whole way from a frame to a flight
 run              a recording of one's own: open, detect, track, plot, summarise, report
 belt             the sorter of both papers: spots, tracker, models, valves
 simulated.kiln   a kiln whose truth is known (the twin): flights as printed, camera, scenes

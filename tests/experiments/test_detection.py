@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import background, kiln
+from kilnflight import background, chain
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
@@ -59,7 +59,7 @@ def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
 def test_positions_are_means_of_the_points_in_the_pixels(subset):
     subset = subset._replace(frames=(75,))
     wall = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 700.0)
-    ((t, view),) = kiln.views(subset.recording, [75], MEDIAN)
+    ((t, view),) = chain.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)
     marked, detected = detection.positions([subset], {"V3": Combination(DoG(1500.0))}, wall)
     places = marked[["x", "y", "z"]].to_numpy()

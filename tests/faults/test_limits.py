@@ -143,7 +143,7 @@ def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypat
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
 def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path):
     command = ["run", str(stored_flights), "--to", str(tmp_path), "--jobs", "2", "--threshold", "9"]
-    code = "from kilnflight import kiln, __main__; kiln.CHUNK_FRAMES = 2; __main__.main()"
+    code = "from kilnflight import chain, __main__; chain.CHUNK_FRAMES = 2; __main__.main()"
     with subprocess.Popen(
         [sys.executable, "-c", code, *command], stdout=subprocess.PIPE, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),

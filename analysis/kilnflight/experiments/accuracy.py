@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import kiln, regression
+from kilnflight import chain, regression
+from kilnflight.chain import Chain
 from kilnflight.experiments import campaigns
 from kilnflight.experiments.campaigns import KEYS, Campaign, counted_flights, of_campaign, stack
 from kilnflight.experiments.flights import interval_columns, median_of
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
-from kilnflight.kiln import KilnRun
 from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES
@@ -265,8 +265,8 @@ def replace_steps(
         WHOLE: (tracks, measured, ours),
     }
     for name, (table, trajectories, owners) in cases.items():
-        flights = kiln.flights_from(run, table, trajectories)
-        yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), owners)
+        flights = chain.flights_from(run, table, trajectories)
+        yield name, FlightTables(flights, chain.slices_from(flights, trajectories), owners)
 
 
 def with_truth(
@@ -285,7 +285,7 @@ def with_truth(
     return linked, tracks.assign(**places.fillna(tracks[AXES]))
 
 
-def fit_tracks(run: KilnRun, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)) -> Fits:
+def fit_tracks(run: Chain, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)) -> Fits:
     """Return the trajectory by track, each axis weighted by one over its scale.
 
     ``table`` holds tracks with ``frame``, ``particle`` and x, y, z in mm. RMSE, MAPE and R2 of a

@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import kiln, regression
+from kilnflight import chain, regression
 from kilnflight.arrays import Array
+from kilnflight.chain import Chain, DetectionRun
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
@@ -40,7 +41,6 @@ from kilnflight.flight import (
     straight_on,
 )
 from kilnflight.ignition import Ignition
-from kilnflight.kiln import DetectionRun, KilnRun
 from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.simulated.kiln import truth
 from kilnflight.simulated.kiln.fuel import FRACTIONS
@@ -139,7 +139,7 @@ class Campaign(NamedTuple):
 
     fraction: str
     pressure_bar: float
-    run: KilnRun
+    run: Chain
 
     @property
     def key(self) -> CampaignKey:
@@ -183,7 +183,7 @@ def campaigns(
     ]
 
 
-def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> KilnRun:
+def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> Chain:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
     twin = open_scene(source.name, seed)
@@ -193,7 +193,8 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
     )
     chunk = frames.stop
     if count == len(twin):
-        chunk = max(kiln.CHUNK_FRAMES, -(-count // 3))  # in thirds, for fewer windows of the median
+        # in thirds, for fewer windows of the median
+        chunk = max(chain.CHUNK_FRAMES, -(-count // 3))
     detection = DetectionRun(
         source,
         frames.start,
@@ -203,7 +204,7 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
         chunk=chunk,
     )
     sheet = FRACTIONS[twin.scene.fraction].sheet  # the test of grey values is for papers (5.3.2)
-    return KilnRun(
+    return Chain(
         detection,
         exit_point_mm=twin.attributes.exit_point_mm,
         wall=settings.wall,
@@ -243,7 +244,7 @@ def busiest(
 class Measurement(NamedTuple):
     """The tables of all campaigns, with ``fraction`` and ``pressure_bar`` in front.
 
-    Each field bears the name of the step of `kilnflight.kiln.KilnRun` that makes it.
+    Each field bears the name of the step of `kilnflight.chain.Chain` that makes it.
     """
 
     tracks: pd.DataFrame  # detections in the air with ``particle``, the track; -1: none
@@ -259,7 +260,7 @@ def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = N
     flight is rejected, but a metre that is passed faster than `Plausible.fastest_m_s` is no row of
     the slices: nothing drives a particle so fast, and its polynomial is wrong there.
     """
-    kiln.make_tables([campaign.run for campaign in campaigns], workers)
+    chain.make_tables([campaign.run for campaign in campaigns], workers)
     steps = Measurement._fields
     tables = Measurement(
         *(stack({each.key: each.run.table(step)() for each in campaigns}) for step in steps)

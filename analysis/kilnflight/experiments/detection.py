@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight import camera, kiln
+from kilnflight import camera, chain
 from kilnflight.arrays import Array, Index
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
@@ -137,9 +137,9 @@ def subset_views(
     Views with the subset's own background are cached in it, those with another are not.
     """
     if background not in (None, subset.background):
-        return kiln.views(subset.recording, subset.frames, background)
+        return chain.views(subset.recording, subset.frames, background)
     if any(t not in subset.cache for t in subset.frames):
-        subset.cache.update(kiln.views(subset.recording, subset.frames, subset.background))
+        subset.cache.update(chain.views(subset.recording, subset.frames, subset.background))
     return ((t, subset.cache[t]) for t in subset.frames)
 
 

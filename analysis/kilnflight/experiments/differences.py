@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.arrays import Array
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
@@ -64,7 +64,7 @@ class StoredDifferences:
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
-                for t, view in kiln.views(recording, self.frames, self.background):
+                for t, view in chain.views(recording, self.frames, self.background):
                     file.write(np.sqrt(view.foreground).round().clip(0, 255).astype("u1").data)
                     parts.append(self.detector(view, recording.attributes.roi, frame=t))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from kilnflight import kiln
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
 from kilnflight.experiments.flights import Array, interval_columns
 from kilnflight.flight import kept
+from kilnflight.flight.empty import EMPTY_FRAMES, background_gray
 from kilnflight.ignition import LEAST_POINTS, SEEN, SHARE, TOO_FEW, Ignition
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
@@ -48,7 +48,7 @@ def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.Dat
         tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
         flights = kept(flights[flights["from_lance"]])
         tracks = tracks[tracks["particle"].isin(flights["particle"])]
-        behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
+        behind = background_gray(tracks, campaign.run.detection.source, campaign.frames)
         time_s = tracks["frame"] / campaign.run.frame_rate_hz
         tracks = tracks.assign(background=behind, time_s=time_s)
         known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
@@ -110,12 +110,12 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     Fig. 5.17 shows this picture. The difference of each pixel is signed; of all ``frames`` the one
     of greatest absolute value counts. The thesis sums the differences. Here the flicker of the kiln
     would sum up to more than one passing particle. The background is the median of
-    `kilnflight.kiln.EMPTY_FRAMES` frames in each stretch of about `STRETCH` frames; it is "constant
-    over a specific time period" (5.1.2). The picture shows that of the last stretch.
+    `kilnflight.flight.empty.EMPTY_FRAMES` frames in each stretch of about `STRETCH` frames; it is
+    "constant over a specific time period" (5.1.2). The picture shows that of the last stretch.
     """
     most = np.zeros((recording.attributes.rows, recording.attributes.columns), np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
-        steps = np.linspace(part[0], part[-1], kiln.EMPTY_FRAMES).round().astype(int)
+        steps = np.linspace(part[0], part[-1], EMPTY_FRAMES).round().astype(int)
         pictures = {t: recording.gray(t) for t in np.unique(steps).tolist()}
         background = stack_median(list(pictures.values())).astype(np.float32)
         for t in part.tolist():

@@ -1,4 +1,4 @@
-"""Simulated recordings as sources of `kilnflight.kiln`."""
+"""Simulated recordings as sources of `kilnflight.chain`."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from kilnflight.chain import Chain
 from kilnflight.experiments.campaigns import (
     Campaign,
     Results,
@@ -17,29 +18,28 @@ from kilnflight.experiments.campaigns import (
 )
 from kilnflight.flight import Plausible
 from kilnflight.ignition import Ignition
-from kilnflight.kiln import KilnRun
 from kilnflight.regression import Regression
 from kilnflight.store.parallel import Workers
 
 
-def true_outlet(campaign: Campaign) -> KilnRun:
+def true_outlet(campaign: Campaign) -> Chain:
     """Return the run with the lance where it is, not where the camera sees it."""
     x, y, z = twin_of(campaign).scene.geometry.lance_mm.tolist()
     return replace(campaign.run, exit_point_mm=(x, y, z))
 
 
-def rmse_alone(campaign: Campaign) -> KilnRun:
+def rmse_alone(campaign: Campaign) -> Chain:
     """Return the run whose orders rise while the RMSE falls, whatever the other measures do."""
     return replace(campaign.run, regression=Regression(measures=("rmse_mm",)))
 
 
-def rejecting(campaign: Campaign) -> KilnRun:
+def rejecting(campaign: Campaign) -> Chain:
     """Return the run that rejects impossible flights, as ``kilnflight run`` does."""
     rules = replace(campaign.run.rules, plausible=Plausible())
     return replace(campaign.run, rules=rules)
 
 
-def gray_alone(campaign: Campaign) -> KilnRun:
+def gray_alone(campaign: Campaign) -> Chain:
     """Return the run that takes a rise of the grey value itself as ignition."""
     rules = campaign.run.rules
     if rules.ignition is None:
@@ -48,7 +48,7 @@ def gray_alone(campaign: Campaign) -> KilnRun:
 
 
 # Ids of data/reference/choices.csv.
-OTHERS: dict[str, Callable[[Campaign], KilnRun]] = {
+OTHERS: dict[str, Callable[[Campaign], Chain]] = {
     "F1": true_outlet,
     "F2": rmse_alone,
     "F6": rejecting,
@@ -56,7 +56,7 @@ OTHERS: dict[str, Callable[[Campaign], KilnRun]] = {
 }
 
 
-def varied(results: Results, change: Callable[[Campaign], KilnRun], jobs: int = 1) -> Results:
+def varied(results: Results, change: Callable[[Campaign], Chain], jobs: int = 1) -> Results:
     """Return the results with other runs; missing tables are computed in ``jobs`` processes."""
     changed = [each._replace(run=change(each)) for each in results.campaigns]
     tables = measure_campaigns(changed, Workers(jobs))

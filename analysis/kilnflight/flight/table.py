@@ -75,7 +75,7 @@ def flights(
     tracks
         Columns frame, particle, row, col (px), gray, x, y, z (mm). Particle -1 and tracks without
         a fit are left out. A column ``background``, if there is one, holds the grey value behind
-        each detection (`kilnflight.kiln.background_gray`).
+        each detection (`kilnflight.flight.empty.background_gray`).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air

@@ -172,3 +172,19 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
         check_shape(frame.labels, attributes.size, f"{where}: labels")
         check_number(int(frame.labels.max()), f"{where}: labels", least=0, most=len(LABELS) - 1)
     return frame
+
+
+class Source(Protocol):
+    """A recording by name, opened by each process for itself.
+
+    Equal sources have an equal ``repr``; names of files depend on it.
+    """
+
+    def __hash__(self) -> int: ...
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+
+    def recording(self) -> Recording:
+        """Return the recording."""

@@ -1,6 +1,6 @@
 """A recording of one's own: open, detect, track and plot it, or run all steps.
 
-recording + `Options` -> `prepare` -> `kilnflight.kiln` -> tables, summary, pictures
+recording + `Options` -> `prepare` -> `kilnflight.chain` -> tables, summary, pictures
 
 `kilnflight.open`, `detect`, `track` and `plot_tracks` are the same steps in Python, and
 ``kilnflight.run(film, "results")`` is all of them.
@@ -18,11 +18,11 @@ from typing import Any
 
 import pandas as pd
 
-from kilnflight import camera, kiln, tracking
+from kilnflight import camera, chain, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.belt.links import motion_of
+from kilnflight.chain import CHAIN_STEPS
 from kilnflight.checks import InputError, check_columns, check_whole
-from kilnflight.kiln import KILN_STEPS
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
@@ -55,7 +55,7 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     """
     run, *_ = choose(open_any(source), Options(**options))
     seen, frames = run.source.recording(), range(run.start, run.stop)
-    return kiln.detect_frames(seen, frames, run.detector, run.background, progress)
+    return chain.detect_frames(seen, frames, run.detector, run.background, progress)
 
 
 def track_detections(
@@ -131,14 +131,14 @@ def run_recording(
         raise InputError(f"{target}: has a tracks.csv but no parts of a run. Name another folder.")
     stored = recording if isinstance(recording, StoredRecording) else _stored(recording, target)
     kiln_run, rows = prepare(stored, target, given)
-    kiln.make_tables([kiln_run], workers, ())
+    chain.make_tables([kiln_run], workers, ())
     if not kiln_run.post_processing or given.max_step:
         motion = motion_of(kiln_run.detection.detections(), given.max_step)
         kiln_run = replace(kiln_run, motion=motion)
         rows.append(("motion", f"expected step {motion.velocity} px; change {motion.noise:g} px"))
-    kiln.make_tables([kiln_run], workers)
+    chain.make_tables([kiln_run], workers)
     tables = {"detections": kiln_run.detection.detections()}
-    tables |= {step: kiln_run.table(step)() for step in KILN_STEPS}
+    tables |= {step: kiln_run.table(step)() for step in CHAIN_STEPS}
     rows += [*summary(tables).items(), *(("warning", doubt) for doubt in doubts(tables))]
     tables["summary"] = pd.DataFrame(rows, columns=(names := ["what", "value"]))
     index = stored.per_frame["index"]
@@ -184,7 +184,7 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
-    names = [name for name in ("detections", *KILN_STEPS) if len(tables[name]) or name in ALWAYS]
+    names = [name for name in ("detections", *CHAIN_STEPS) if len(tables[name]) or name in ALWAYS]
     contents = {f"{name}.parquet": tables[name].to_parquet(index=False) for name in names}
     for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from kilnflight import kiln
+from kilnflight import chain
 from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
@@ -86,7 +86,7 @@ def preview(source: Any, **options: Any) -> Figure:
     first = (recording := open_any(source)).frame(0).index
     run, given, rows = choose(recording, Options(**options))
     frames = [run.start + k for k in spread(run.stop - run.start, PREVIEW_FRAMES)]
-    seen = list(kiln.views(run.source.recording(), frames, run.background))
+    seen = list(chain.views(run.source.recording(), frames, run.background))
     height = 8.0 + style.PAGE_MM / 3 * recording.attributes.rows / recording.attributes.columns
     shape = {"width_mm": style.PAGE_MM, "height_mm": 5.0 + height * len(frames)}
     figure, grid = style.canvas(len(frames), len(PREVIEW_STEPS), **shape)

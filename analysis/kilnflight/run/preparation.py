@@ -1,4 +1,4 @@
-"""Options and recording -> `KilnRun`, with all settings, warnings and notes for the reader.
+"""Options and recording -> `Chain`, with all settings, warnings and notes for the reader.
 
 `choose` estimates from some frames what is not given; `prepare` adds lance and wall.
 """
@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight import camera, kiln
+from kilnflight import camera, chain
 from kilnflight.arrays import Array, Single
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.models import Surroundings
 from kilnflight.belt.links import more_rests, shaken_px
+from kilnflight.chain import Vector
 from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.detection import DBSCAN, DoG, Otsu
 from kilnflight.detection.combination import Combination, Planar
 from kilnflight.detection.noise import block_noise, pixel_noise
 from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
-from kilnflight.kiln import Vector
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording
 from kilnflight.recording.store import StoredRecording
@@ -120,7 +120,7 @@ class Options:
 class Prepared:
     """A recording whose dark particles become bright, whose light becomes even, or cut to a part.
 
-    It is a `kilnflight.kiln.Source`, identified by its content and not by its place.
+    It is a `kilnflight.chain.Source`, identified by its content and not by its place.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class Prepared:
         return np.subtract(WHITE, gray, dtype=np.uint16) if self.dark else gray
 
 
-def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, Options, Rows]:
+def choose(recording: Recording, options: Options) -> tuple[chain.DetectionRun, Options, Rows]:
     """Return how a recording is detected: what is given, and else what the frames tell.
 
     Recordings with depth are taken as the thesis takes them: median, combined detector and at least
@@ -230,12 +230,12 @@ def choose(recording: Recording, options: Options) -> tuple[kiln.DetectionRun, O
     single: DoG | Otsu = Otsu(threshold) if areas else DoG(threshold, enlarge=enlarge)
     detector = Combination(single) if deep else Planar(single, size)
     # Eight chunks show progress; below 25 frames the background's window outweighs a chunk.
-    part = min(kiln.CHUNK_FRAMES, max(25, -(-(stop - start) // 8)))
-    run = kiln.DetectionRun(seen, start, stop, detector, BACKGROUNDS[word], part, Path())
+    part = min(chain.CHUNK_FRAMES, max(25, -(-(stop - start) // 8)))
+    run = chain.DetectionRun(seen, start, stop, detector, BACKGROUNDS[word], part, Path())
     return run, replace(options, background=word, threshold=threshold), rows
 
 
-def prepare(stored: StoredRecording, target: Path, options: Options) -> tuple[kiln.KilnRun, Rows]:
+def prepare(stored: StoredRecording, target: Path, options: Options) -> tuple[chain.Chain, Rows]:
     """Return the run of a stored recording, and its settings.
 
     Its motion is that of the kiln.
@@ -245,7 +245,7 @@ def prepare(stored: StoredRecording, target: Path, options: Options) -> tuple[ki
     lance, wall = _geometry(stored, rows)
     joined = lance is not None if options.post_processing is None else options.post_processing
     rows.append(("post-processing", "as in chapter 4.2 of the thesis" if joined else "none"))
-    run = kiln.KilnRun(detection, lance, wall, InAir(options.in_air_mm), post_processing=joined)
+    run = chain.Chain(detection, lance, wall, InAir(options.in_air_mm), post_processing=joined)
     return replace(run, management=Management(invisible=options.memory)), rows
 
 
@@ -257,7 +257,7 @@ def spread(length: int, number: int) -> list[int]:
 def sample(recording: Recording, background: BackgroundModel) -> list[Single]:
     """Return the foregrounds (rows, cols) of five frames of the median's first window."""
     frames = spread(min(len(recording), 150), 5)
-    return [view.foreground for _, view in kiln.views(recording, frames, background)]
+    return [view.foreground for _, view in chain.views(recording, frames, background)]
 
 
 def noise_threshold(foregrounds: Sequence[Single], enlarge: int = 1) -> float:

@@ -17,7 +17,7 @@ from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 from kilnflight.scores.spreading import doubtful_links, followed
 
-Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.kiln.KILN_STEPS`
+Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.chain.CHAIN_STEPS`
 LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
 

@@ -20,7 +20,7 @@ A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), an
 unknown). Other columns are carried through. Every row comes back, in its place. The rows of
 eliminated tracklets, outliers and merged duplicates get particle -1; `tracked` leaves them out.
 Particles are numbered from 0 by first frame, then first position. Each step is idempotent; the
-whole chain is not. `Cutting` is no step of the thesis; `kilnflight.kiln` cuts after the last one,
+whole chain is not. `Cutting` is no step of the thesis; `kilnflight.chain` cuts after the last one,
 before the regression.
 """
 

@@ -10,30 +10,26 @@ table. Tracks are made without the texture term of Eq. 4.24: it needs the frame 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import flight, regression
-from kilnflight.arrays import Array
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
-from kilnflight.background.sliding_median import stack_median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
-from kilnflight.detection.combination import Combination, Planar, View, mean_gray
+from kilnflight.detection.combination import Combination, Planar, View
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.recording.frames import Frame, Recording
+from kilnflight.flight.empty import background_gray
+from kilnflight.recording.buffer import FrameBuffer
+from kilnflight.recording.frames import Recording, Source
 from kilnflight.regression import Regression
 from kilnflight.store import paths
 from kilnflight.store.cache import CachedTable, cached
@@ -44,68 +40,9 @@ from kilnflight.tracking.tracker import Management, track
 from kilnflight.tracklets import Cutting, postprocess, tracked
 
 CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
-EMPTY_FRAMES = 21  # whose median is the kiln without particles; ours
-KILN_STEPS = ("tracks", "trajectories", "flights", "slices")  # tables after the detections
+CHAIN_STEPS = ("tracks", "trajectories", "flights", "slices")  # tables after the detections
 TRACKED_BY = ("wall", "in_air", "tracker", "motion", "management", "post_processing", "cutting")
 Vector = tuple[float, float, float]  # x, y, z in mm
-
-
-class Source(Protocol):
-    """A recording by name, opened by each process for itself.
-
-    Equal sources have an equal ``repr``; names of files depend on it.
-    """
-
-    def __hash__(self) -> int: ...
-
-    @property
-    def name(self) -> str:
-        """Name of the recording."""
-
-    def recording(self) -> Recording:
-        """Return the recording."""
-
-
-class FrameBuffer:
-    """Stack of a recording's grey values; each needed frame is read once.
-
-    Background models read a frame before it is detected in; it is held until its last use.
-
-    Parameters
-    ----------
-    recording
-        Recording to read.
-    uses
-        Frame numbers that `take` will be called with, each as often as listed.
-    """
-
-    def __init__(self, recording: Recording, uses: Iterable[int] = ()) -> None:
-        self._recording, self._uses = recording, Counter(uses)
-        self._held: dict[int, Frame] = {}
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self._recording)
-
-    def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return the grey values (rows, cols) of frame ``t``."""
-        gray = self._fetch(t).gray if self._uses[t] else self._recording.gray(t)
-        view = gray.view()
-        view.flags.writeable = False  # so a background model may hold it without a copy
-        return view
-
-    def take(self, t: int) -> Frame:
-        """Return frame ``t``, without labels, and release it after its last use."""
-        frame = self._fetch(t)
-        self._uses[t] -= 1
-        if self._uses[t] <= 0:
-            del self._held[t]
-        return frame
-
-    def _fetch(self, t: int) -> Frame:
-        if t not in self._held:
-            self._held[t] = replace(self._recording.frame(t), labels=None)
-        return self._held[t]
 
 
 def views(
@@ -215,10 +152,10 @@ class DetectionRun:
 
 
 @dataclass(frozen=True)
-class KilnRun:
+class Chain:
     """A recording with all parameters of its flights.
 
-    Each of `KILN_STEPS` is an attribute: the `CachedTable` of that name.
+    Each of `CHAIN_STEPS` is an attribute: the `CachedTable` of that name.
 
     Parameters
     ----------
@@ -271,7 +208,7 @@ class KilnRun:
         return [self.detection.table(frames) for frames in self.detection.chunks]
 
     def table(self, what: range | str) -> CachedTable:
-        """Return the table of a chunk's detections, or of one of `KILN_STEPS`."""
+        """Return the table of a chunk's detections, or of one of `CHAIN_STEPS`."""
         if isinstance(what, range):
             return self.detection.table(what)
         table: CachedTable = getattr(self, what)
@@ -311,7 +248,7 @@ class KilnRun:
 
 
 def make_tables(
-    runs: Sequence[KilnRun], workers: Workers | int | None = None, steps: Sequence[str] = KILN_STEPS
+    runs: Sequence[Chain], workers: Workers | int | None = None, steps: Sequence[str] = CHAIN_STEPS
 ) -> None:
     """Make all missing tables, or those up to ``steps``, with progress; one process by default.
 
@@ -332,7 +269,7 @@ def make_tables(
 
 
 def _make_missing(
-    pieces: Sequence[tuple[KilnRun, range | str, int]], workers: Workers, label: str
+    pieces: Sequence[tuple[Chain, range | str, int]], workers: Workers, label: str
 ) -> None:
     """Make the missing ones of ``pieces``: run, its chunk or step, number of frames.
 
@@ -348,7 +285,7 @@ def _make_missing(
         raise InputError(f"{lost}: {elsewhere}.")
 
 
-def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
+def _make_table(piece: tuple[Chain, range | str, Path]) -> None:
     """Make the table of a run's chunk or step, in a worker.
 
     Last in ``piece`` is the file that the caller expects; another one is an `InputError`.
@@ -364,7 +301,7 @@ def _make_table(piece: tuple[KilnRun, range | str, Path]) -> None:
 
 
 def flights_from(
-    run: KilnRun, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit]
+    run: Chain, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit]
 ) -> pd.DataFrame:
     """Return the flights of ``tracks``; none without a wall.
 
@@ -389,21 +326,3 @@ def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd
     counted = flight.kept(flights[flights["from_lance"]])
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)
-
-
-def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> Array:
-    """Return the kiln's mean grey value (n,) behind each detection's disc.
-
-    ``detections`` has row, col and radius_px. The kiln is the median of `EMPTY_FRAMES` pictures
-    spread over ``frames``. `kilnflight.ignition.Ignition` compares a particle's grey values with
-    it.
-    """
-    picture = _empty_kiln(source, frames).astype(np.float64)
-    return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
-
-
-@lru_cache(maxsize=1)  # a study reads one recording's flights several times
-def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
-    """Return the median (rows, cols) of `EMPTY_FRAMES` pictures over ``frames``."""
-    steps = np.linspace(frames.start, frames.stop - 1, EMPTY_FRAMES).round().astype(int)
-    return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])

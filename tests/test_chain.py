@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import background, flight, kiln
+from kilnflight import background, chain, flight
 from kilnflight.camera import EQUATION_2_4, calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
@@ -14,6 +14,7 @@ from kilnflight.detection.combination import Combination
 from kilnflight.experiments.differences import StoredDifferences
 from kilnflight.experiments.sources import TwinSource
 from kilnflight.ignition import Ignition
+from kilnflight.recording.buffer import FrameBuffer
 from kilnflight.store import paths
 from kilnflight.store.parallel import Workers
 from kilnflight.tables import DETECTIONS
@@ -31,15 +32,15 @@ def twin(kept_scene):
 def run(twin):
     """Six frames of the small twin in two chunks."""
     source, detector = TwinSource(SCENE), Combination(DoG(300.0))
-    return kiln.KilnRun(kiln.DetectionRun(source, 202, 208, detector, MEDIAN, chunk=4))
+    return chain.Chain(chain.DetectionRun(source, 202, 208, detector, MEDIAN, chunk=4))
 
 
 def test_a_view_is_the_frame_without_the_flame(twin):
-    ((t, view),) = kiln.views(twin, [76], MEDIAN)
+    ((t, view),) = chain.views(twin, [76], MEDIAN)
     frame, (top, bottom, left, right) = twin.frame(76), twin.attributes.flame_roi
     np.testing.assert_array_equal(view.gray, frame.gray)
     np.testing.assert_array_equal(view.previous, twin.gray(75))
-    plain = next(iter(MEDIAN(kiln.FrameBuffer(twin), [76])))
+    plain = next(iter(MEDIAN(FrameBuffer(twin), [76])))
     changed = view.foreground != plain
     assert changed[top:bottom, left:right].any()
     assert not view.foreground[changed].any()
@@ -55,7 +56,7 @@ def test_each_frame_is_read_once(twin, monkeypatch):
     read, frame, gray = [], twin.frame, twin.gray
     monkeypatch.setattr(type(twin), "frame", lambda _, t: read.append(t) or frame(t))
     monkeypatch.setattr(type(twin), "gray", lambda _, t: read.append(t) or gray(t))
-    views = dict(kiln.views(twin, range(4), MEDIAN))
+    views = dict(chain.views(twin, range(4), MEDIAN))
     assert sorted(read) == list(range(7))
     np.testing.assert_array_equal(views[0].previous, gray(1))  # no frame precedes it
     np.testing.assert_array_equal(views[3].previous, views[2].gray)
@@ -63,28 +64,28 @@ def test_each_frame_is_read_once(twin, monkeypatch):
 
 def test_detections_do_not_depend_on_other_frames(twin):
     detector = Combination(DoG(1500.0), DBSCAN(60.0, 4), DBSCAN(200.0, 10))
-    several = kiln.detect_frames(twin, [75, 76], detector, MEDIAN)
-    alone = kiln.detect_frames(twin, [76], detector, MEDIAN)
+    several = chain.detect_frames(twin, [75, 76], detector, MEDIAN)
+    alone = chain.detect_frames(twin, [76], detector, MEDIAN)
     assert len(DETECTIONS.check(several)) > 0
     np.testing.assert_array_equal(several[several["frame"] == 76], alone)
-    assert DETECTIONS.check(kiln.detect_frames(twin, [], background=MEDIAN)).empty
+    assert DETECTIONS.check(chain.detect_frames(twin, [], background=MEDIAN)).empty
     with pytest.raises(InputError, match=f"frame {len(twin)}"):
-        kiln.detect_frames(twin, [len(twin)], background=MEDIAN)
+        chain.detect_frames(twin, [len(twin)], background=MEDIAN)
 
 
 def test_chunks_and_processes_do_not_change_the_detections(run, monkeypatch):
     assert run.detection.chunks == [range(202, 204), range(204, 208)]
     assert replace(run.detection, stop=202).chunks == []
-    kiln.make_tables([run], Workers(2))
+    chain.make_tables([run], Workers(2))
     table = run.detection.detections()
     recording = run.detection.source.recording()
-    plain = kiln.detect_frames(recording, run.frames, run.detection.detector, MEDIAN)
+    plain = chain.detect_frames(recording, run.frames, run.detection.detector, MEDIAN)
     pd.testing.assert_frame_equal(table, plain)
     assert len(table)
     assert run.flights().empty  # without a wall
     assert run.slices().empty
-    monkeypatch.setattr(kiln, "detect_frames", lambda *_: pytest.fail("made again"))
-    kiln.make_tables([run])
+    monkeypatch.setattr(chain, "detect_frames", lambda *_: pytest.fail("made again"))
+    chain.make_tables([run])
     pd.testing.assert_frame_equal(run.detection.detections(), table)
 
 
@@ -93,7 +94,7 @@ def test_foregrounds_are_stored_beside_the_detections(run):
     stored = StoredDifferences(detection.source, run.frames, detection.detector, MEDIAN)
     stored.make()
     pd.testing.assert_frame_equal(stored.table(), detection.detections())
-    views = dict(kiln.views(detection.source.recording(), range(203, 206), MEDIAN))
+    views = dict(chain.views(detection.source.recording(), range(203, 206), MEDIAN))
     frames = np.array([view.foreground[50:90, 20:200] for view in views.values()])
     roots = np.rint(np.sqrt(frames)).astype(np.uint8).astype(float)
     sums = stored(203, 205, 50, 20, 90, 200)
@@ -121,7 +122,7 @@ def test_another_threshold_scene_or_background_is_another_file(run):
 
 def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
     other = replace(run, rules=flight.Rules(ignition=Ignition(above_background=False)))
-    changed = {name for name in kiln.KILN_STEPS if run.table(name).path != other.table(name).path}
+    changed = {name for name in chain.CHAIN_STEPS if run.table(name).path != other.table(name).path}
     assert changed == {"flights", "slices"}
 
 
@@ -131,6 +132,6 @@ def test_a_worker_of_another_version_or_elsewhere_is_refused(run):
 
     run = replace(run, detection=replace(run.detection, detector=Combination(DoG(302.0))))
     with pytest.raises(InputError, match=r"detections-0\.parquet"):
-        kiln.make_tables([run], work_for_another_version)
+        chain.make_tables([run], work_for_another_version)
     with pytest.raises(InputError, match=run.detection.table(range(202, 204)).path.name):
-        kiln.make_tables([run], lambda *_: None)
+        chain.make_tables([run], lambda *_: None)
