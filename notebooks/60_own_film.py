@@ -26,10 +26,10 @@ import numpy as np
 import pandas as pd
 
 import kilnflight
+from kilnflight.film.pictures import pictures
+from kilnflight.film.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.publication import figures, style
-from kilnflight.run.pictures import pictures
 from kilnflight.scores import rates, score_detections, score_tracks
-from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.store import paths
 

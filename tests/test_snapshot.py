@@ -13,9 +13,10 @@ import pandas as pd
 import pytest
 
 from kilnflight import chain
+from kilnflight.film.preparation import prepare
+from kilnflight.film.settings import Options
 from kilnflight.flight import Plausible, Rules
 from kilnflight.recording.store import open_recording
-from kilnflight.run.preparation import Options, prepare
 from kilnflight.tracklets import Cutting
 
 STORED = Path(__file__).with_name("snapshot.parquet")

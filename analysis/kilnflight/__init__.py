@@ -1,7 +1,7 @@
 """kilnflight: how to see particles fly, as a package that can be checked.
 
 In Python the steps on a recording of one's own are `kilnflight.open`, `detect`, `track` and
-`plot_tracks` (see `kilnflight.run`), for example ``tracks = kilnflight.track(detections)``.
+`plot_tracks` (see `kilnflight.film`), for example ``tracks = kilnflight.track(detections)``.
 
 One particle enters as light on a sensor and leaves as a number in a report::
 
@@ -30,7 +30,7 @@ scores           detections, tracks and flights against the truth, with interval
 tables, checks   columns and units of every table; checks of input and their error
 arrays           types of arrays
 chain            the whole way from a frame to a flight
-run              a recording of one's own: open, detect, track, plot, summarise, report
+film             a film of one's own: settings, detection, tracks, doubts, report, pictures
 belt             the sorter of both papers: spots, tracker, models, valves
 simulated.kiln   a kiln whose truth is known (the twin): flights as printed, camera, scenes
 simulated.belt   what the belt's camera sees: rendered pictures, a small model of the belt
@@ -40,12 +40,21 @@ store            files written whole: cached tables, folders, an index; processe
 ===============  ===============================================================
 """
 
+import importlib
 import os
 import tempfile
 from pathlib import Path
 
 __version__ = "0.2.0"
-NAMES = {"open": "open_any", "track": "track_detections"}  # in `kilnflight.run`
+# Module and name of each step that is imported on first use: that takes seconds.
+STEPS = {
+    "detect": ("kilnflight.film.run", "detect"),
+    "open": ("kilnflight.recording.files", "open_any"),
+    "plot_tracks": ("kilnflight.film.pictures", "plot_tracks"),
+    "preview": ("kilnflight.film.pictures", "preview"),
+    "run": ("kilnflight.film.run", "run_recording"),
+    "track": ("kilnflight.film.run", "track_detections"),
+}
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(200_000_000))  # else 2^30
 if not any(os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HOME", "/"))):
@@ -56,8 +65,8 @@ if not any(os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HO
 
 
 def __getattr__(name: str) -> object:
-    """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
-    if name in ("detect", "open", "plot_tracks", "preview", "run", "track"):
-        room = __import__("kilnflight.run", fromlist=["run"])
-        return room if name == "run" else getattr(room, NAMES.get(name, name))
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Return a step on a recording of one's own, imported on first use."""
+    if name not in STEPS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, function = STEPS[name]
+    return getattr(importlib.import_module(module), function)

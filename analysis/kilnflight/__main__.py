@@ -28,7 +28,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _opened(options: argparse.Namespace) -> Any:
-    from kilnflight.run import check_apart, open_any
+    from kilnflight.film.run import check_apart
+    from kilnflight.recording.files import open_any
 
     if not any(Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent)).rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
@@ -38,14 +39,14 @@ def _opened(options: argparse.Namespace) -> Any:
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    from kilnflight.run import Options
+    from kilnflight.film.settings import Options
 
     return {k: v for k, v in vars(options).items() if hasattr(Options, k) and v is not None}
 
 
 def _info(options: argparse.Namespace) -> None:
+    from kilnflight.film.report import aligned, summarise_recording
     from kilnflight.recording.store import write_recording
-    from kilnflight.run.report import aligned, summarise_recording
 
     recording = _opened(options)
     if options.command == "import":
@@ -65,24 +66,26 @@ def _export(options: argparse.Namespace) -> None:
 
 
 def _preview(options: argparse.Namespace) -> None:
-    from kilnflight import run
+    from kilnflight.film.pictures import png, preview
+    from kilnflight.store.cache import write_whole
 
     options.to = options.to or Path("preview.png")  # before it is opened: it is checked, too
-    picture = run.png(run.preview(_opened(options), **_settings(options)))
+    picture = png(preview(_opened(options), **_settings(options)))
     options.to.parent.mkdir(parents=True, exist_ok=True)
-    run.write_whole(options.to, picture)
+    write_whole(options.to, picture)
     print(f"three frames with the detections of three thresholds: {options.to}")
 
 
 def _track(options: argparse.Namespace) -> None:
-    from kilnflight import run
     from kilnflight.association import GNN, JPDA
+    from kilnflight.film.doubts import doubtful_links
+    from kilnflight.film.run import track_detections
+    from kilnflight.film.spreading import followed
     from kilnflight.recording.track_files import check_table_target, read_table, write_table
-    from kilnflight.scores.spreading import doubtful_links, followed
 
     check_table_target(options.tracks, options.format, options.detections)
     table, associator = read_table(options.detections), JPDA() if options.jpda else GNN()
-    tracks = run.track_detections(table, associator, progress=True, **_settings(options))
+    tracks = track_detections(table, associator, progress=True, **_settings(options))
     write_table(tracks, options.tracks, options.format)
     linked = followed(tracks)
     found = f"{linked.particle.nunique()} tracks with {len(linked)} of {len(tracks)} detections"
@@ -90,10 +93,11 @@ def _track(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from kilnflight import run
+    from kilnflight.film.run import run_recording
+    from kilnflight.store.parallel import Workers
 
-    workers = run.Workers(options.jobs, options.scheduler, into_logs=True)
-    run.run_recording(_opened(options), options.to, workers, **_settings(options))
+    workers = Workers(options.jobs, options.scheduler, into_logs=True)
+    run_recording(_opened(options), options.to, workers, **_settings(options))
 
 
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks

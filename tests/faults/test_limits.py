@@ -16,10 +16,10 @@ from tests.recording.test_files import FILM, KINDS
 
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
+from kilnflight.film.run import run_recording
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.recording.track_files import csv_of
-from kilnflight.run import run_recording
 from kilnflight.store.cache import write_whole
 
 BLACK = b"\x1b[30m"  # what a name must not do to a terminal

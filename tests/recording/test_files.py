@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from kilnflight.checks import InputError
+from kilnflight.film.report import summarise_recording
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import write_recording
-from kilnflight.run.report import summarise_recording
 
 FILM = np.random.default_rng(1).integers(0, 200, (5, 24, 32), dtype=np.uint8)
 WIDE = FILM.astype(np.uint16) * 300

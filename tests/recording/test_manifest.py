@@ -13,10 +13,10 @@ import tifffile
 
 from kilnflight.camera import calibrated_cloud
 from kilnflight.checks import InputError
+from kilnflight.film.report import summarise_recording
 from kilnflight.recording import files as module
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import write_recording
-from kilnflight.run.report import summarise_recording
 
 FRAMES = (8, 9, 10, 11)
 CLASSES = {0: 0, 60: 1, 120: 2, 180: 3, 240: 4}

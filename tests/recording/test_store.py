@@ -14,11 +14,11 @@ import pytest
 import zarr
 
 from kilnflight.checks import InputError
+from kilnflight.film.report import aligned, summarise_recording
 from kilnflight.recording import store
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Attributes, check_frame
 from kilnflight.recording.store import open_recording, write_recording
-from kilnflight.run.report import aligned, summarise_recording
 
 
 @pytest.fixture

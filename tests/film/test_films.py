@@ -10,7 +10,8 @@ from tests.definitions.films import film
 
 import kilnflight
 from kilnflight.__main__ import main
-from kilnflight.run.preparation import Options, choose
+from kilnflight.film.preparation import choose
+from kilnflight.film.settings import Options
 from kilnflight.scores import score_detections, score_tracks
 
 ROD, OTSU = {"kind": "rod", "size": (20, 3)}, {"detector": "otsu"}

@@ -1,43 +1,35 @@
-"""A recording of one's own: open, detect, track and plot it, or run all steps.
-
-recording + `Options` -> `prepare` -> `kilnflight.chain` -> tables, summary, pictures
-
-`kilnflight.open`, `detect`, `track` and `plot_tracks` are the same steps in Python, and
-``kilnflight.run(film, "results")`` is all of them.
-"""
+"""The steps on a recording of one's own: detect, track, or all of them with tables and pictures."""
 
 from __future__ import annotations
 
-import sys
 import warnings
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pandas as pd
 
 from kilnflight import camera, chain, tracking
 from kilnflight.association import GNN, Associator
-from kilnflight.belt.links import motion_of
 from kilnflight.chain import CHAIN_STEPS
 from kilnflight.checks import InputError, check_columns, check_whole
+from kilnflight.film.doubts import doubts
+from kilnflight.film.motion import motion_of
+from kilnflight.film.pictures import pictures, png
+from kilnflight.film.preparation import choose, prepare
+from kilnflight.film.report import Tables, aligned, summary
+from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
 from kilnflight.recording.track_files import csv_of
-from kilnflight.run.pictures import pictures, plot_tracks, png, preview
-from kilnflight.run.preparation import Options, choose, prepare
-from kilnflight.run.report import Tables, aligned, doubts, summary
 from kilnflight.store.cache import clear_parts, locked, write_whole
-from kilnflight.store.parallel import Workers
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
-__all__ = ["Options", "Workers", "detect", "open_any", "plot_tracks", "preview", "track_detections"]
 _GNN, ALWAYS = GNN(), ("detections", "tracks")  # the other tables only if they have rows
 
 
@@ -145,15 +137,6 @@ def run_recording(
     publish(tables, stored, target, index[kiln_run.frames] - index[0])
     print(aligned(pd.DataFrame([*rows, ("written to", f"{target}")], columns=names)))
     return tables
-
-
-class _Room(ModuleType):
-    """The module, callable: ``kilnflight.run(film)``."""
-
-    __call__ = staticmethod(run_recording)
-
-
-sys.modules[__name__].__class__ = _Room
 
 
 def check_apart(target: Path, source: Any, recording: FileRecording | StoredRecording) -> None:

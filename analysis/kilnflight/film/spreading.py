@@ -1,21 +1,11 @@
-"""Steps, neighbours and mean square displacement of tracks; no truth is needed."""
-
-from collections.abc import Iterator
+"""Steps and mean square displacement of tracks; no truth is needed."""
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array
 
 LONGEST_LAG = 100  # frames
-TRY = (
-    "Try --detector otsu for long ones, --dark, --background none for resting ones, or a lower "
-    "--threshold; `kilnflight preview` shows what is found."
-)
-FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
-FASTER = "Links are doubtful; record faster, or raise --threshold."
-FEW = 10  # detections; hardly a particle was found
 PAIRS = 30  # fewer displacements make no mean
 
 
@@ -71,29 +61,6 @@ def speeds(tracks: pd.DataFrame) -> Array:
     return np.asarray(np.hypot(steps["row"], steps["col"]) / steps["frame"])
 
 
-def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
-    """Return the median distance of nearest neighbours in some frames; inf without neighbours."""
-    places = [at[["row", "col"]].to_numpy(float) for _, at in detections.groupby("frame")]
-    some = [each for each in places[:: 1 + len(places) // frames] if len(each) > 1]
-    apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
-    return float(np.median(np.concatenate(apart))) if apart else np.inf
-
-
 def followed(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the detections (column particle) that are in tracks of two or more."""
     return tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]
-
-
-def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
-    """Yield warnings of missing or doubtful tracks, each with what to change.
-
-    ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col (px).
-    """
-    linked = followed(tracks)
-    if len(tracks) < FEW:
-        yield f"{len(tracks)} particles were detected. {TRY}"
-    elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
-        yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
-    steps, apart = speeds(linked), neighbour_px(tracks)
-    if len(steps) and (step := float(np.median(steps))) > apart / 2:
-        yield f"Steps of {step:.1f} px exceed half of {apart:.1f} px between neighbours. {FASTER}"

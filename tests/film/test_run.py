@@ -9,16 +9,18 @@ import pandas as pd
 import pytest
 
 import kilnflight
-from kilnflight import chain, run
+from kilnflight import chain
 from kilnflight.__main__ import main
+from kilnflight.film import preparation
+from kilnflight.film.doubts import doubts
+from kilnflight.film.report import summary
+from kilnflight.film.settings import Options
 from kilnflight.flight.empty import background_gray
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
-from kilnflight.run import preparation
-from kilnflight.run.report import doubts, summary
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
 
-OPTIONS = run.Options(threshold=200.0)
+OPTIONS = Options(threshold=200.0)
 LEVEL = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))
 
 

@@ -16,15 +16,15 @@ import numpy.typing as npt
 
 from kilnflight import camera, chain
 from kilnflight.arrays import Array, Single
-from kilnflight.background import BackgroundModel, Median
-from kilnflight.background.models import Surroundings
-from kilnflight.belt.links import more_rests, shaken_px
+from kilnflight.background import BackgroundModel
 from kilnflight.chain import Vector
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG, Otsu
 from kilnflight.detection.combination import Combination, Planar
-from kilnflight.detection.noise import block_noise, pixel_noise
 from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
+from kilnflight.film.motion import more_rests, shaken_px
+from kilnflight.film.noise import block_noise, pixel_noise
+from kilnflight.film.settings import BACKGROUNDS, Options
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording
 from kilnflight.recording.store import StoredRecording
@@ -38,82 +38,8 @@ NO_LANCE = "unknown, so there are no flights; a manifest has lance_mm"
 RESTING = "{} of {} spots stay in place and count as background; --background none keeps them"
 REASON = ("from the noise", "from the noise, at least that of the thesis")  # without, with depth
 LEAST_NOISE = 0.1  # grey values, of the finest difference of Gaussians; made-up pictures have none
-BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
 MIDDLE_PX = 2048, 3072  # rows and columns of the enlarged picture in which settings are tried
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a run; None is estimated from the recording.
-
-    Parameters
-    ----------
-    detector
-        "dog" for round spots, "otsu" for areas of any form.
-    background
-        "median" of the frames around, or "none": each frame's own surroundings.
-    threshold
-        Grey values: of the difference of Gaussians, or of a pixel over the background for areas.
-    dark
-        Whether particles are darker than the background.
-    small
-        Whether pictures are searched at twice their size, for radii from 1.4 px.
-    size
-        Diameter of the particles in px; it replaces ``small``.
-    roi
-        First row, row after the last, first column, column after the last.
-    frames
-        First frame and frame after the last.
-    max_step
-        Longest step of a particle in px a frame.
-    memory
-        Frames in a row that a track may miss.
-    post_processing
-        Whether tracklets are joined and filtered as in the thesis (chapter 4.2). None: only with
-        depth and a lance.
-    in_air_mm
-        Largest distance of flying particles from the kiln's axis.
-
-    Raises
-    ------
-    InputError
-        If a word is not known or a number is not above 0.
-    """
-
-    detector: str = "dog"
-    background: str | None = None
-    threshold: float | None = None
-    dark: bool = False
-    small: bool = False
-    size: float | None = None
-    roi: tuple[int, int, int, int] | None = None
-    frames: tuple[int, int] | None = None
-    max_step: float | None = None
-    memory: int = Management.invisible
-    post_processing: bool | None = None
-    in_air_mm: float = 800.0  # sec. 5.1.4
-
-    def __post_init__(self) -> None:
-        check_number(self.memory, "memory", least=0, whole=True)
-        for name in ("threshold", "size", "max_step", "in_air_mm"):
-            if (value := getattr(self, name)) is not None:
-                check_number(value, name, above=0)
-        for name, length in {"roi": 4, "frames": 2}.items():
-            if (value := getattr(self, name)) is not None:
-                for number in check_finite(value, name, (length,)).tolist():
-                    check_number(number, name, least=0, whole=True)
-                object.__setattr__(self, name, tuple(value))
-        for name, known in {"detector": ("dog", "otsu"), "background": BACKGROUNDS}.items():
-            if getattr(self, name) not in (None, *known):
-                raise InputError(f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}.")
-
-    def check(self, recording: Recording) -> None:
-        """Raise an `InputError` if frames or region are not in the recording."""
-        most = (len(recording), *recording.attributes.size)
-        ends = (self.frames or (0, most[0])) + (self.roi or (0, most[1], 0, most[2]))
-        if not all(a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)):
-            raise InputError(f"frames and roi: {ends} end before they begin, or beyond {most}.")
 
 
 @dataclass(frozen=True)

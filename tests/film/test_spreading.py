@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.links import motion_of
 from kilnflight.checks import InputError
-from kilnflight.scores.spreading import diffusion, doubtful_links, speeds, square_displacements
+from kilnflight.film.doubts import doubtful_links
+from kilnflight.film.motion import motion_of
+from kilnflight.film.spreading import diffusion, speeds, square_displacements
 
 
 def walks(count=60, frames=80, drift=(0.3, -1.0), diffusing=0.5, error=0.0, apart=90.0):

@@ -6,10 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import chain, run
+from kilnflight import chain
+from kilnflight.film.doubts import doubts
+from kilnflight.film.preparation import prepare
+from kilnflight.film.report import summary
+from kilnflight.film.settings import Options
 from kilnflight.recording.store import open_recording
-from kilnflight.run.preparation import prepare
-from kilnflight.run.report import doubts, summary
 from kilnflight.tables import DETECTIONS
 
 LANCE = np.array([-64.9, 213.9, 5856.0])  # of the small twin, depth calibrated
@@ -40,7 +42,7 @@ def without_depth(table, but=()):
 @pytest.fixture(scope="module")
 def prepared(stored_flights, tmp_path_factory):
     recording = open_recording(stored_flights)
-    return prepare(recording, tmp_path_factory.mktemp("run"), run.Options(threshold=200.0))
+    return prepare(recording, tmp_path_factory.mktemp("run"), Options(threshold=200.0))
 
 
 @pytest.fixture

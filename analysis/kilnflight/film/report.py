@@ -1,24 +1,23 @@
 """What a recording holds and what a run found, in words.
 
-`summarise_recording` for ``kilnflight import`` and ``info``; `doubts` and `summary` for a run.
+`summarise_recording` for ``kilnflight import`` and ``info``; `summary` for a run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.checks import printable
+from kilnflight.film.spreading import followed
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
-from kilnflight.scores.spreading import doubtful_links, followed
 
 Tables = Mapping[str, pd.DataFrame]  # detections, and those of `kilnflight.chain.CHAIN_STEPS`
-LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
 
 def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
@@ -55,17 +54,6 @@ def aligned(rows: pd.DataFrame) -> str:
     """Return rows of ``what`` and ``value`` as text, one a line."""
     width = max(10, rows["what"].str.len().max())
     return "\n".join(printable(f"{what:<{width}}  {value}") for what, value in rows.to_numpy())
-
-
-def doubts(tables: Tables) -> Iterator[str]:
-    """Yield warnings of missing or doubtful results, each with what to change."""
-    yield from doubtful_links(tables["tracks"])
-    from_lance = (flights := tables["flights"])[flights["from_lance"]]
-    if len(flights) and from_lance.empty:
-        yield f"No flight starts at the lance: {flights['start_mm'].median():.0f} mm off. {LANCE}"
-    refused = len(from_lance) - len(kept(from_lance))
-    if 2 * refused > len(from_lance):
-        yield f"{refused} of {len(from_lance)} flights are refused, no particle flies so. {LANCE}"
 
 
 def summary(tables: Tables) -> dict[str, str]:

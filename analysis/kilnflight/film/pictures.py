@@ -11,12 +11,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import chain
+from kilnflight.film.preparation import choose, spread
+from kilnflight.film.report import Tables
+from kilnflight.film.settings import Options
+from kilnflight.film.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
-from kilnflight.run.preparation import Options, choose, spread
-from kilnflight.run.report import Tables
-from kilnflight.scores.spreading import diffusion, followed, speeds, square_displacements
 from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
 
 PREVIEW_FRAMES, PREVIEW_STEPS = 3, (0.5, 1.0, 2.0)  # frames, and multiples of the threshold
