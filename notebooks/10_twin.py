@@ -25,7 +25,8 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.experiments import detection, flights, identified, light_fit, sensitivity
+from kilnflight.experiments.detection import labelled, light_fit
+from kilnflight.experiments.flights import comparison, identified, sensitivity
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.simulated.kiln.feeding import LABELLED
@@ -63,7 +64,7 @@ statuses
 # The laws of flight give these numbers for all particles, seen or not.
 
 # %%
-put_in = flights.put_in(tuple(LAWS), particles, seed).dropna(subset="printed")
+put_in = comparison.put_in(tuple(LAWS), particles, seed).dropna(subset="printed")
 put_in = put_in[["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]]
 caption = (
     f"Printed numbers on flight and ignition beside what {particles} simulated flights of each run "
@@ -77,12 +78,12 @@ put_in.head(12)
 #
 # Flames are round, larger and brighter than unlit particles, and most are overexposed. Wood chips
 # and granules are darker than the wall, papers may be lighter, and the level of each varies by
-# tumbling. Six inputs were fitted by `kilnflight.experiments.light_fit` to Otsu's row of Table 5.5,
-# the recalls of Fig. 5.5 and the radii of Fig. 3.12. No other detector took part.
+# tumbling. Six inputs were fitted by `kilnflight.experiments.detection.light_fit` to Otsu's row of
+# Table 5.5, the recalls of Fig. 5.5 and the radii of Fig. 3.12. No other detector took part.
 
 # %%
 seeds = {"quick": [seed], "standard": [seed]}.get(scale, list(light_fit.SEEDS))
-prepared = light_fit.prepare(seeds, detection.SUBSETS[scale])
+prepared = light_fit.prepare(seeds, labelled.SUBSETS[scale])
 shown = LABELLED if scale == "full" else LABELLED[5:6]
 reached = light_fit.report(light_fit.count(prepared, Optics(), shown))
 caption = (
@@ -121,7 +122,7 @@ for name, scenario in (("ours", "base"), ("D9", "no-clutter")):
     empty = Twin(scenes.SCENARIOS[scenario](twin.scene))
     frames = np.array([empty.empty(t) for t in range(0, 160, 10)])
     lighter = np.maximum(frames[8] - np.median(frames, axis=0), 0.0)
-    spots[name] = len(detection.sift(500.0)(lighter))
+    spots[name] = len(labelled.sift(500.0)(lighter))
 seen = "unlit particles noted now and then; share of sightings noted"
 compared = [
     choices.compare(
@@ -220,8 +221,8 @@ def judge(first):
     faster = all(
         each[heavy] > each[paper]
         for each in by_bar
-        for heavy in flights.HEAVY
-        for paper in flights.PAPERS
+        for heavy in comparison.HEAVY
+        for paper in comparison.PAPERS
     )
     slower = all(each["paper shred"] < each["confetti"] for each in by_bar)
     return [claims.check("vel-1", faster), claims.check("vel-7", slower)]

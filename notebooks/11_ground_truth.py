@@ -26,7 +26,7 @@ import pandas as pd
 from kilnflight import camera
 from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
-from kilnflight.experiments import detection
+from kilnflight.experiments.detection import labelled
 from kilnflight.publication import claims, figures, style
 from kilnflight.scores.intervals import DRAWS
 from kilnflight.simulated.kiln import scenes, truth
@@ -39,7 +39,7 @@ frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("11_ground_truth", setting, seed=seed, inputs=tables)
-names = list(detection.SUBSETS[scale])
+names = list(labelled.SUBSETS[scale])
 twins = {name: scenes.cached_scene(name, seed) for name in names}
 
 # %% [markdown]
@@ -51,8 +51,8 @@ seen = [
     for name, twin in twins.items()
     for t in LABELLED[:frames]
 ]
-labelled = pd.concat(seen).query("visible")
-counts = labelled.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
+marked = pd.concat(seen).query("visible")
+counts = marked.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
 printed = claims.published("table_5.2")[list(counts)].iloc[:3].set_axis(counts.index)
 table = pd.concat({"twin": counts.round(0), "published": printed}, names=["source"])
 table.insert(0, "class", table.index.get_level_values("label").map(truth.CLASSES))
@@ -61,7 +61,7 @@ caption = "Labelled particles of ten frames by class, simulated and in Table 5.2
 figures.save("table-5-2-ground-truth", table, caption=caption, provenance=origin)
 
 # %%
-shares = labelled.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
+shares = marked.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
 shares = shares.add_suffix("_percent")
 shares.insert(0, "class", shares.index.map(truth.CLASSES))
 for kind, number in {"depth": "5.2", "roi": "5.3"}.items():
@@ -86,7 +86,7 @@ of_class, in_roi, flying = (claims.published(f"table_5.{n}") for n in (2, 3, 13)
 flying = flying.set_index("subset")[["TP", "FN"]].sum(axis=1)[names]
 burning_with_depth = of_class["with_3d_info"][0] / of_class["amount"][0] * in_roi.loc[0, names]
 printed = ((flying - burning_with_depth) / in_roi.loc[1, names]).astype(float)
-unlit = labelled.query("label == 3 and in_roi")
+unlit = marked.query("label == 3 and in_roi")
 generator, rows = np.random.default_rng(seed), []
 for name in names:
     found = unlit[unlit["subset"] == name].groupby("particle")["has_depth"].agg(["sum", "size"])
@@ -152,7 +152,7 @@ figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption,
 clouds = [calibrated_cloud(twin, LABELLED[0]) for twin in twins.values()]
 near = np.concatenate([k_distances(cloud, 2) for cloud in clouds])  # the first is the point itself
 steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()]
-radius = labelled["radius_px"].to_numpy()
+radius = marked["radius_px"].to_numpy()
 
 # %% tags=["hide-input"]
 picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=55)
@@ -223,7 +223,7 @@ figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, pr
 # %%
 off = np.abs(profile - put_in).max()
 result = (
-    f"The simulated frames hold {len(labelled)} labelled particles in {frames * len(twins)} "
+    f"The simulated frames hold {len(marked)} labelled particles in {frames * len(twins)} "
     f"frames; the wall's temperature profile is recovered within {off:.0f} K."
 )
 figures.conclude(result, [of_depth], origin)

@@ -28,17 +28,18 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import background
-from kilnflight.experiments import detection, detection_tables, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.recording.buffer import FrameBuffer
 
 # %%
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
-window = detection.WINDOWS[scale]  # as printed in a full run; else few frames are rendered
+window = labelled.WINDOWS[scale]  # as printed in a full run; else few frames are rendered
 for name in ("Mean", "Median", "Adaptive"):
     models[name] = replace(models[name], window=min(window, models[name].window))
 
@@ -115,8 +116,8 @@ figures.save("table-5-4-parameters", parameters, caption=caption, provenance=ori
 # used in the other notebooks.
 
 # %%
-fixed = detection.sift().threshold  # of Fig. 5.4, grey values
-methods = detection.from_thresholds([*detection.tried_thresholds(scale), fixed])
+fixed = labelled.sift().threshold  # of Fig. 5.4, grey values
+methods = labelled.from_thresholds([*labelled.tried_thresholds(scale), fixed])
 readings = {"stops at zero": False, "absolute": True}
 
 
@@ -137,21 +138,21 @@ for each in subsets:
     kept = each._replace(recording=Kept(each.recording))
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
-        found[reading, name, each.name] = detection.run([kept], methods, model)
+        found[reading, name, each.name] = labelled.run([kept], methods, model)
 parts, tuned_parts = [], []
 for reading, name in product(readings, models):
     every = pd.concat([found[reading, name, each.name] for each in subsets], ignore_index=True)
     every = every.assign(model=name, reading=reading)
     parts.append(every[every["method"] == fixed].rename(columns={"method": "threshold"}))
-    tried = detection.mark_chosen(every[every["method"] != fixed])
+    tried = labelled.mark_chosen(every[every["method"] != fixed])
     tuned_parts.append(tried[tried["chosen"]])
 attempts = pd.concat(parts, ignore_index=True)
 tuned = pd.concat(tuned_parts, ignore_index=True)
 
 # %%
-table = detection_tables.with_total(attempts, ["model", "subset", "reading"])
+table = summaries.with_total(attempts, ["model", "subset", "reading"])
 table = table.drop(columns="seconds_per_image").assign(threshold=fixed)
-unlit = detection_tables.class_recall(attempts, ["model", "reading"]).query("label == 3")
+unlit = summaries.class_recall(attempts, ["model", "reading"]).query("label == 3")
 unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
 table = table.merge(unlit[["model", "reading", "subset", "recall_non_burning"]], how="left")
 printed = {"Median": 0.8592, "TwoFrame": 0.8385}  # in the text; the others are only drawn
@@ -177,8 +178,8 @@ def named(attempts):
 
 
 known = pd.Series(printed)
-summary = detection_tables.f1_with_intervals(named(attempts), known, seed).rename_axis("model")
-f1_tuned = detection.sum_counts(named(tuned), ["method"]).set_index("method")["f1"]
+summary = summaries.f1_with_intervals(named(attempts), known, seed).rename_axis("model")
+f1_tuned = labelled.sum_counts(named(tuned), ["method"]).set_index("method")["f1"]
 summary = summary.assign(f1_tuned=f1_tuned)
 summary = summary.sort_values(["f1", "model"], ascending=[False, True])
 
@@ -195,8 +196,8 @@ table = summary.reset_index()
 figures.save("fig-5-4-background", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-_, view = next(detection.subset_views(subset))  # without the burner's flame, as it is scored
-keypoints = detection.sift(fixed)(view.foreground)
+_, view = next(labelled.subset_views(subset))  # without the burner's flame, as it is scored
+keypoints = labelled.sift(fixed)(view.foreground)
 size = {"width_mm": 120, "height_mm": 92}
 picture = plots.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
@@ -216,9 +217,9 @@ figures.save("fig-5-3-detections", table, picture=picture, caption=caption, prov
 def judge(attempts):
     """Return the verdicts from the attempts of six models."""
     attempts = attempts.assign(method=attempts["model"])
-    f1 = detection.sum_counts(attempts, ["method"]).set_index("method")["f1"]
+    f1 = labelled.sum_counts(attempts, ["method"]).set_index("method")["f1"]
     f1 = f1.sort_values(ascending=False)
-    draws = detection_tables.resampled_rates(attempts, seed)["f1"]
+    draws = summaries.resampled_rates(attempts, seed)["f1"]
     still, moving = ["Mean", "Median"], ["TwoFrame", "ThreeFrame"]
     learning = [name for name in f1.index if name not in still + moving]
 

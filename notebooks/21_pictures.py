@@ -26,14 +26,15 @@ import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import detection, detection_tables, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.store import paths
 
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("21_pictures", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 
 # %% [markdown]
 # ## Both detectors
@@ -42,34 +43,34 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 # measured on every fifth frame.
 
 # %%
-otsu = detection.run(subsets, {"Otsu": detection.from_foreground(Otsu())})
-tried = detection.compare_thresholds(subsets, scale)
-thresholds = {*detection.tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
-single = {value: detection.from_foreground(detection.sift(float(value))) for value in thresholds}
+otsu = labelled.run(subsets, {"Otsu": labelled.from_foreground(Otsu())})
+tried = labelled.compare_thresholds(subsets, scale)
+thresholds = {*labelled.tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
+single = {value: labelled.from_foreground(labelled.sift(float(value))) for value in thresholds}
 few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
-times = detection.run(few, single).rename(columns={"method": "threshold"})
+times = labelled.run(few, single).rename(columns={"method": "threshold"})
 seconds = times.groupby(["subset", "threshold"])["seconds"].median()
 sift = tried[tried["chosen"]].drop(columns="seconds").assign(method="SIFT")
 sift = sift.join(seconds, on=["subset", "threshold"])
 
 # %%
-of_otsu = detection_tables.with_total(otsu, ["subset"])
+of_otsu = summaries.with_total(otsu, ["subset"])
 caption = (
     f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each in the region of "
     "interest, scoring distance 45 px."
 )
-table = detection_tables.beside_published(of_otsu, "table_5.5")
+table = summaries.beside_published(of_otsu, "table_5.5")
 figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
 
 # %%
-of_sift = detection_tables.with_total(sift, ["threshold", "subset"])
+of_sift = summaries.with_total(sift, ["threshold", "subset"])
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each in the region of "
     "interest, scoring distance 45 px. Threshold of DoG in grey values found on the other subsets, "
     "beside the printed one; the exposure differs."
 )
 printed = claims.published("table_5.6").set_index("test_set")
-table = detection_tables.beside_published(of_sift, "table_5.6")
+table = summaries.beside_published(of_sift, "table_5.6")
 table["threshold_published"] = table["subset"].map(printed["dog_local_max"].drop("Total"))
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
@@ -86,7 +87,7 @@ table["f1_published"] = printed["f1"]["Total"]
 table["fp_published"] = printed["FP"].drop("Total").sum()  # its own cell is shifted in print
 caption = (
     "Total row of SIFT by r of Eq. 2.28 (edge) and mean grey value of a spot of clutter, beside "
-    "Table 5.6; best pair first. Made by `kilnflight.experiments.sift_row` on 50 frames."
+    "Table 5.6; best pair first. Made by `kilnflight.experiments.detection.sift_row` on 50 frames."
 )
 figures.save("sift-edge", table, caption=caption, provenance=origin)
 
@@ -95,7 +96,7 @@ figures.save("sift-edge", table, caption=caption, provenance=origin)
 
 # %%
 both = pd.concat([otsu, sift], ignore_index=True)
-recall = detection_tables.class_recall(both, ["method", "subset"])
+recall = summaries.class_recall(both, ["method", "subset"])
 # Section 5.1.3, Figs 5.5 and 5.6: recall in V1 to V5, in air with flame, without; on the wall
 unlit_of_otsu = [0.16, 0.16, 0.16, 0.0, 0.35]
 printed = {"Otsu": [[1.0] * 5, unlit_of_otsu, [0.9] * 5], "SIFT": [[1.0] * 5, [0.5] * 5, [1.0] * 5]}
@@ -131,7 +132,7 @@ figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
 # %%
 def unlit_recall(both):
     """Return the recall of what does not burn, by method and subset."""
-    recall = detection_tables.class_recall(both, ["method", "subset"]).query("label == 3")
+    recall = summaries.class_recall(both, ["method", "subset"]).query("label == 3")
     return recall.set_index(["method", "subset"])["recall"]
 
 
@@ -141,10 +142,9 @@ def judge(both):
     half = abs(unlit["SIFT"].mean() - 0.5) <= 0.05
     more = unlit["SIFT"].mean() > unlit["Otsu"].mean()
     found = claims.all_of(bool(half), bool(more)) if frames > 1 else None
-    rates = detection.sum_counts(both, ["method", "subset"]).set_index(["method", "subset"])["f1"]
+    rates = labelled.sum_counts(both, ["method", "subset"]).set_index(["method", "subset"])["f1"]
     draws = {
-        name: detection_tables.resampled_rates(part, seed)["f1"]
-        for name, part in both.groupby("subset")
+        name: summaries.resampled_rates(part, seed)["f1"] for name, part in both.groupby("subset")
     }
     ahead = [draws["V5"]["SIFT"] - draws["V5"]["Otsu"]]
     ahead += [draw["SIFT"] - draws["V5"]["SIFT"] for name, draw in draws.items() if name != "V5"]
@@ -159,28 +159,28 @@ def judge(both):
 # %%
 def both_with(rule, subsets=subsets):
     """Return the attempts of Otsu and SIFT with the rules of a combination."""
-    of_otsu = detection.from_foreground(Otsu(), rule.largest_px)
-    tried = detection.compare_thresholds(subsets, scale, rule)
+    of_otsu = labelled.from_foreground(Otsu(), rule.largest_px)
+    tried = labelled.compare_thresholds(subsets, scale, rule)
     of_sift = tried[tried["chosen"]].assign(method="SIFT")
-    return pd.concat([detection.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True)
+    return pd.concat([labelled.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True)
 
 
 any_size = 10_000.0  # px, wider than a frame
-absolute = replace(detection.BACKGROUNDS[scale], absolute=True)
+absolute = replace(labelled.BACKGROUNDS[scale], absolute=True)
 darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
 with_other = {
     "D1": both_with(Combination(DoG(edge=10.0))),
-    "D2": both_with(detection.OURS, darker),
-    "D5": both_with(replace(detection.OURS, largest_px=any_size)),
+    "D2": both_with(labelled.OURS, darker),
+    "D5": both_with(replace(labelled.OURS, largest_px=any_size)),
 }
 
 # %%
 unlit = unlit_recall(both)
-total = detection.sum_counts(both, ["method"]).set_index("method")["f1"]
+total = labelled.sum_counts(both, ["method"]).set_index("method")["f1"]
 checks, compared = judge(both), []
 for choice, others in with_other.items():
     turns = choices.turned(checks, judge(others))
-    f1 = detection.sum_counts(others, ["method"]).set_index("method")["f1"]
+    f1 = labelled.sum_counts(others, ["method"]).set_index("method")["f1"]
     found = unlit_recall(others)["SIFT"].mean()
     values = {"F1 of SIFT": (total["SIFT"], f1["SIFT"]), "F1 of Otsu": (total["Otsu"], f1["Otsu"])}
     values["recall of SIFT, unlit particles"] = unlit["SIFT"].mean(), found

@@ -36,15 +36,16 @@ from kilnflight.detection import (
 )
 from kilnflight.detection.combination import centers, sort_clusters
 from kilnflight.detection.quasi_centers import nearest_neighbors
-from kilnflight.experiments import detection, detection_tables, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.kiln.scene import Twin
 
 # %%
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 images = frames * len(subsets)
 
@@ -195,7 +196,7 @@ settings = {
     for family, number in {"dbscan": 8, "mo": 9, "qcc": 10}.items()
 }
 most = int(settings["qcc"]["K"].max())
-search = detection.remembered(lambda cloud: nearest_neighbors(cloud, most))  # for all rows of QCC
+search = labelled.remembered(lambda cloud: nearest_neighbors(cloud, most))  # for all rows of QCC
 
 
 def clustered(make, row, view):
@@ -212,7 +213,7 @@ methods = {("search", 0): lambda view: search(view.xyz)[:0, :2]}  # detects noth
 for family, make in makers.items():
     for row in settings[family].itertuples():
         methods[family, row.Index] = partial(clustered, make, row)
-attempts = detection.run(subsets, methods, TwoFrame())  # the background that needs fewest frames
+attempts = labelled.run(subsets, methods, TwoFrame())  # the background that needs fewest frames
 attempts[["family", "row"]] = attempts["method"].to_list()
 keys, searched = ["subset", "frame"], attempts["family"] == "search"
 spent = attempts[searched].set_index(keys)["seconds"].rename("search")
@@ -221,10 +222,10 @@ attempts["seconds"] += attempts.pop("search").where(attempts["family"] == "qcc",
 
 # %%
 varied = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}
-rates, tables = detection_tables.RATES, {}
+rates, tables = summaries.RATES, {}
 for family, names in varied.items():
     own = attempts[attempts["family"] == family]
-    found = detection_tables.with_total(own, ["row", "subset"])
+    found = summaries.with_total(own, ["row", "subset"])
     each = settings[family].loc[found.pop("row")].reset_index(drop=True)
     printed = each[rates].where(found["subset"] == "Total").add_suffix("_published")
     tables[family] = pd.concat([each[names], found, printed], axis=1)
@@ -253,7 +254,7 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 
 # %%
 analysed = attempts["row"] == attempts["family"].map({"dbscan": 5, "mo": 1, "qcc": 2})
-recall = detection_tables.class_recall(attempts[analysed], ["family", "subset"])
+recall = summaries.class_recall(attempts[analysed], ["family", "subset"])
 titles = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
 picture = plots.draw_class_recall(recall.replace({"family": titles}), "family", {})
 caption = (
@@ -318,11 +319,11 @@ quantities = (
     "recall of DBSCAN on the wall, V1 and V4",
 )
 for choice, scenario in list(scenarios.items())[:fewer]:
-    simulated = detection.labelled_subsets(scale, seed, frames, scenario)
-    others = detection.run(simulated[: len(subsets)], used, TwoFrame())
+    simulated = labelled.labelled_subsets(scale, seed, frames, scenario)
+    others = labelled.run(simulated[: len(subsets)], used, TwoFrame())
     others[["family", "row"]] = others["method"].to_list()
     others["subset"] = others["subset"].str.partition("@")[0]  # without the scenario
-    others = detection_tables.class_recall(others, ["family", "subset"])
+    others = summaries.class_recall(others, ["family", "subset"])
     turns = choices.turned(checks, judge(others))
     both = zip(quantities, rates_of_classes(recall), rates_of_classes(others), strict=True)
     for quantity, ours, other in both:

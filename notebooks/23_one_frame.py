@@ -28,19 +28,20 @@ from kilnflight.detection import combination
 from kilnflight.detection.combination import potential_particles, take_clusters
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
-from kilnflight.experiments import detection, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled
 from kilnflight.publication import choices, figures, style
 from kilnflight.scores import score_detections
 
 # %%
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 subset = {subset.name: subset for subset in subsets}["V4"]  # the most particles
 known = subset.recording.attributes
-t, view = next(detection.subset_views(subset))
-best = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
+t, view = next(labelled.subset_views(subset))
+best = labelled.chosen_thresholds(labelled.compare_thresholds(subsets, scale))
 threshold = float(best[subset.name])  # best on the other subsets
 
 # %% [markdown]
@@ -71,8 +72,8 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 # The wall is the largest cluster of the first pass. The second pass clusters the other points.
 
 # %%
-labels = combination.second_pass(view.xyz, *detection.PASSES["DBSCAN"])
-keypoints = detection.sift(threshold)(view.foreground)
+labels = combination.second_pass(view.xyz, *labelled.PASSES["DBSCAN"])
+keypoints = labelled.sift(threshold)(view.foreground)
 keypoints = combination.no_larger(keypoints)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = combination.sort_clusters(view.pixels, view.xyz, labels)

@@ -28,15 +28,16 @@ import pandas as pd
 
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import detection, detection_tables, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import rates
 
 # %%
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 
 # %% [markdown]
@@ -54,14 +55,14 @@ images = frames * len(subsets)
 
 # %%
 any_size = 10_000.0  # px, wider than a frame
-absolute = replace(detection.BACKGROUNDS[scale], absolute=True)
+absolute = replace(labelled.BACKGROUNDS[scale], absolute=True)
 darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
 readings = {
-    "ours": (subsets, detection.OURS),
+    "ours": (subsets, labelled.OURS),
     "D1": (subsets, Combination(DoG(edge=10.0))),
-    "D2": (darker, detection.OURS),
-    "D4": (subsets, replace(detection.OURS, rectangular=False)),
-    "D5": (subsets, replace(detection.OURS, largest_px=any_size)),
+    "D2": (darker, labelled.OURS),
+    "D4": (subsets, replace(labelled.OURS, rectangular=False)),
+    "D5": (subsets, replace(labelled.OURS, largest_px=any_size)),
 }
 scenarios = {
     "D9": "no-clutter",
@@ -75,13 +76,13 @@ scenarios = {
 def detect(seen, rule, known):
     """Return the attempts of eleven methods; ``known`` keeps the clusters of each subset."""
     parts = []
-    threshold = detection.chosen_thresholds(detection.compare_thresholds(seen, scale, rule))
+    threshold = labelled.chosen_thresholds(labelled.compare_thresholds(seen, scale, rule))
     for subset in seen:
         sift = replace(rule.detector, threshold=float(threshold[subset.name]))
         own, roi = replace(rule, detector=sift), subset.recording.attributes.roi
         clusters = known.setdefault(subset.name, {})
-        methods = detection.table_5_11_methods(own, roi, clusters)
-        found = detection.run([subset], methods)
+        methods = labelled.table_5_11_methods(own, roi, clusters)
+        found = labelled.run([subset], methods)
         parts.append(found.assign(threshold=sift.threshold))
     return pd.concat(parts)
 
@@ -91,8 +92,8 @@ for reading, (seen, rule) in readings.items():
     attempted[reading] = detect(seen, rule, known)
 fewer = {"quick": 1, "standard": 1}.get(scale)  # of the simulations in a reduced run
 for choice, scenario in list(scenarios.items())[:fewer]:
-    simulated = detection.labelled_subsets(scale, seed, frames, scenario)
-    attempted[choice] = detect(simulated, detection.OURS, {})
+    simulated = labelled.labelled_subsets(scale, seed, frames, scenario)
+    attempted[choice] = detect(simulated, labelled.OURS, {})
 every = pd.concat(attempted, names=["reading"]).reset_index("reading").reset_index(drop=True)
 attempts = every[every["reading"] == "ours"]
 
@@ -106,12 +107,12 @@ attempts = every[every["reading"] == "ours"]
 # other reading.
 
 # %%
-total = detection.sum_counts(attempts, ["method"])
-near = attempts.groupby("method", sort=False)[[f"{count}_near" for count in detection.COUNTS]].sum()
+total = labelled.sum_counts(attempts, ["method"])
+near = attempts.groupby("method", sort=False)[[f"{count}_near" for count in labelled.COUNTS]].sum()
 total["f1_diameter_45_px"] = rates(*near.to_numpy().T)["f1"]
-names = [*detection_tables.RATES, "f1_diameter_45_px", "f1_in_pixels"]
-table = total[["method", *detection.COUNTS, *names]]
-table = detection_tables.beside_published(table, "table_5.11")
+names = [*summaries.RATES, "f1_diameter_45_px", "f1_in_pixels"]
+table = total[["method", *labelled.COUNTS, *names]]
+table = summaries.beside_published(table, "table_5.11")
 caption = (
     f"Eleven methods on {images} labelled frames in the region of interest, after Table 5.11. "
     "Scoring distance 45 px; F1 also with 45 px as a diameter and within the pixels of a particle."
@@ -126,7 +127,7 @@ figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 
 # %%
 printed = claims.published("table_5.11").set_index("method")
-f1 = detection_tables.f1_with_intervals(attempts, printed["f1"], seed)
+f1 = summaries.f1_with_intervals(attempts, printed["f1"], seed)
 recomputed = rates(printed["TP"], printed["FP"], printed["FN"]).set_index(printed.index)
 f1["f1_published_recomputed"] = recomputed["f1"]
 
@@ -146,7 +147,7 @@ figures.save("detection-scores", table, picture=picture, caption=caption, proven
 # find more particles than Otsu alone, and fewer than SIFT alone.
 
 # %%
-recall = detection_tables.class_recall(attempts, ["method"])
+recall = summaries.class_recall(attempts, ["method"])
 recall = recall.pivot(index="method", columns="label", values="recall")
 recall.columns = ["burning_in_air", "non_burning_in_air", "burning_on_wall"]
 table = recall.loc[total["method"]].reset_index()
@@ -165,9 +166,9 @@ pairs += [("Combi", "3D"), ("3D", "2D"), ("Combi", "2D")]
 
 def compare_groups(attempts):
     """Return the difference of each pair in each rate, with its interval."""
-    draws = detection_tables.resampled_rates(attempts, seed)
-    ours, rows = detection.sum_counts(attempts, ["method"]).set_index("method"), []
-    for (first, second), rate in product(pairs, detection_tables.RATES):
+    draws = summaries.resampled_rates(attempts, seed)
+    ours, rows = labelled.sum_counts(attempts, ["method"]).set_index("method"), []
+    for (first, second), rate in product(pairs, summaries.RATES):
         here, published, drawn = (
             table.filter(regex=f"^{first}").mean(axis=1)
             - table.filter(regex=f"^{second}").mean(axis=1)
@@ -197,16 +198,16 @@ figures.save("detection-gains", gains, caption=caption, provenance=origin)
 both = {}
 for reading in ("ours", "D2"):
     tried = every[every["reading"] == reading]
-    apart = detection.sum_counts(tried, ["method", "subset", "threshold"])
-    summed = detection.sum_counts(tried, ["method"]).assign(subset="Total")
+    apart = labelled.sum_counts(tried, ["method", "subset", "threshold"])
+    summed = labelled.sum_counts(tried, ["method"]).assign(subset="Total")
     both[reading] = pd.concat([apart, summed], ignore_index=True)
-columns = ["method", "subset", *detection.COUNTS, *detection_tables.RATES, "threshold"]
+columns = ["method", "subset", *labelled.COUNTS, *summaries.RATES, "threshold"]
 table = both["ours"][columns].merge(
     both["D2"][columns], on=["method", "subset"], suffixes=("", "_absolute")
 )
 thresholds = ["threshold", "threshold_absolute"]
 table[thresholds] = table[thresholds].where(table["method"].str.contains("SIFT"))
-of_print = detection_tables.beside_published(table[["method"]].drop_duplicates(), "table_5.11")
+of_print = summaries.beside_published(table[["method"]].drop_duplicates(), "table_5.11")
 table = table.merge(of_print.assign(subset="Total"), how="left", on=["method", "subset"])
 caption = (
     "Eleven methods after a difference from the median background that stops at zero, and after an "
@@ -242,8 +243,8 @@ def lies_in(table, least, most):
 
 def judge_methods(attempts):
     """Return the verdicts on single methods."""
-    f1 = detection.sum_counts(attempts, ["method"]).set_index("method")["f1"]
-    draws = detection_tables.resampled_rates(attempts, seed)["f1"]
+    f1 = labelled.sum_counts(attempts, ["method"]).set_index("method")["f1"]
+    draws = summaries.resampled_rates(attempts, seed)["f1"]
     combined, clouds = f1.filter(like="Combi"), f1.filter(like="3D")
     own = {name: "2D-" + name.split()[1].split("+")[0] for name in combined.index}
     beaten = [claims.above(draws[name] - draws[other]) for name, other in own.items()]
@@ -295,7 +296,7 @@ def judge(attempts):
 checks, compared = judge(attempts), []
 for choice, others in every[every["reading"] != "ours"].groupby("reading"):
     turns = choices.turned(checks, judge(others))
-    other = detection.sum_counts(others, ["method"]).set_index("method")["f1"]
+    other = labelled.sum_counts(others, ["method"]).set_index("method")["f1"]
     for method in ("2D-SIFT", "Combi SIFT+DBSCAN", "Combi OTSU+DBSCAN"):
         both = {"chosen": f1["f1"][method], "other": other[method]}
         compared.append(choices.compare(choice, f"F1 of {method}", **both, turns=turns))

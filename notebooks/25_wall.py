@@ -27,14 +27,16 @@ from scipy.stats import norm
 from kilnflight.checks import InputError
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import detection, detection_tables, identified, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.detection import labelled, summaries
+from kilnflight.experiments.flights import identified
 from kilnflight.publication import choices, claims, figures, style
 
 # %%
 style.use_style()
-frames = frames or detection.FRAMES[scale]
+frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("25_wall", {"scale": scale, "frames": frames}, seed=seed)
-subsets = detection.labelled_subsets(scale, seed, frames)
+subsets = labelled.labelled_subsets(scale, seed, frames)
 
 # %% [markdown]
 # ## The cylinder
@@ -44,7 +46,7 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 # cylinder of the first subset serves all. The true radius is 700 mm.
 
 # %%
-walls = {each.name: detection.wall_points(each.recording, each.frames[0]) for each in subsets}
+walls = {each.name: labelled.wall_points(each.recording, each.frames[0]) for each in subsets}
 geometry = subsets[0].recording.scene.geometry
 fits = {}
 for name, wall in walls.items():
@@ -107,11 +109,9 @@ figures.save("fig-3-10-cylinder", table, picture=picture, caption=caption, prove
 # with DBSCAN.
 
 # %%
-best = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
-detectors = {
-    name: Combination(detection.sift(float(threshold))) for name, threshold in best.items()
-}
-marked, detected = detection.positions(subsets, detectors, fit)
+best = labelled.chosen_thresholds(labelled.compare_thresholds(subsets, scale))
+detectors = {name: Combination(labelled.sift(float(threshold))) for name, threshold in best.items()}
+marked, detected = labelled.positions(subsets, detectors, fit)
 placed = marked.dropna(subset="distance_mm")
 on_wall, distance = placed["label"] == 4, placed["distance_mm"]
 crossing = cylinder.crossing(distance[~on_wall], distance[on_wall])
@@ -153,12 +153,11 @@ figures.save("fig-3-11-distances", table, picture=picture, caption=caption, prov
 thresholds["all_in_air"] = 10_000.0  # mm from the axis: no particle is as far
 roi = subsets[0].recording.attributes.roi
 exact, measured = (
-    detection_tables.classification_table(marked, spots, thresholds, roi)
-    for spots in (marked, detected)
+    summaries.classification_table(marked, spots, thresholds, roi) for spots in (marked, detected)
 )
 
 # %%
-table = detection_tables.beside_published(exact, "table_5.13")
+table = summaries.beside_published(exact, "table_5.13")
 caption = (
     "Marked particles with 3D classified as in the air, after Table 5.13, with three thresholds of "
     "the distance from the fitted axis, and with all called airborne (all in air)."
@@ -166,7 +165,7 @@ caption = (
 figures.save("table-5-13-classification", table, caption=caption, provenance=origin)
 
 # %%
-table = detection_tables.beside_published(measured, "table_5.14")
+table = summaries.beside_published(measured, "table_5.14")
 caption = (
     "Detections of SIFT with DBSCAN classified as in the air, after Table 5.14, scoring distance "
     "45 px; thresholds as in Table 5.13."

@@ -26,8 +26,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.experiments import campaigns, plots, post_processing, tracking
-from kilnflight.experiments import tracking_scores as scores
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import campaigns, textures, tracking
+from kilnflight.experiments.flights import track_scores as scores
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import score_tracks
 from kilnflight.tracking.tracker import track
@@ -213,8 +214,8 @@ figures.save("fig-4-12-windows", joints, picture=picture, caption=caption, prove
 
 # %%
 generator = np.random.default_rng(seed)
-boxes = post_processing.texture_boxes(pair[-1], 40, generator)
-energies, empties = (pd.DataFrame(list(map(post_processing.energies, some))) for some in boxes)
+boxes = textures.texture_boxes(pair[-1], 40, generator)
+energies, empties = (pd.DataFrame(list(map(textures.energies, some))) for some in boxes)
 texture = pd.concat([energies[:5], empties[:1]]).set_axis(list("abcdef")).T
 texture = texture.assign(with_track=energies.median(), without_track=empties.median())
 texture["ratio"] = texture["with_track"] / texture["without_track"]

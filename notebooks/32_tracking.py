@@ -29,8 +29,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.experiments import campaigns, ignition, plots, trackers, tracking
-from kilnflight.experiments import tracking_scores as scores
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import campaigns, ignition, trackers, tracking
+from kilnflight.experiments.flights import track_scores as scores
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.kiln import scenes
 from kilnflight.tracklets.joining import Joining
@@ -79,8 +80,8 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 #
 # Table 5.16 has the values of post-processing, none of the trackers. Both limits of Eq. 4.14 are
 # identified by the eight JSC_theta without post-processing of Table 5.17, so these eight numbers
-# test nothing (`python -m kilnflight.experiments.trackers`). The second table has the misfit of
-# each setting that was tried. All other settings are assumptions.
+# test nothing (`python -m kilnflight.experiments.flights.trackers`). The second table has the
+# misfit of each setting that was tried. All other settings are assumptions.
 
 # %%
 caption = "Settings of both trackers and what decides them. No work prints any of them."

@@ -24,14 +24,14 @@ from matplotlib.ticker import LogLocator
 
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.belt.phase import PredictionPhase, arrival_deviations
-from kilnflight.experiments import belt_2020
-from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE
+from kilnflight.experiments.belt import paper_2020
+from kilnflight.experiments.belt.paper_2020 import DATA_SETS, PHASE
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.belt.friction import GRAVITY_MM_S2
 
-files = belt_2020.find_dem()
-source = belt_2020.AUTHORS if files else belt_2020.OWN
-Markdown(belt_2020.INPUT[source])
+files = paper_2020.find_dem()
+source = paper_2020.AUTHORS if files else paper_2020.OWN
+Markdown(paper_2020.INPUT[source])
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -41,7 +41,7 @@ seed = 2020  # of the calibration draws and of the friction model
 style.use_style()
 origin = figures.trace("40_belt_arrival", {"scale": scale}, seed=seed, inputs=files.values())
 save = partial(figures.save, provenance=origin)
-tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES.get(scale))
+tracks = paper_2020.load_tracks(files, seed, paper_2020.PARTICLES.get(scale))
 observed = {name: PHASE.observe(table) for name, table in tracks.items()}
 
 # %% [markdown]
@@ -57,8 +57,8 @@ pd.DataFrame({name: each.left_out for name, each in observed.items()})
 places = np.arange(400.0, 751.0, 25.0)  # all particles are observed between these
 profiles = {}
 for name, table in tracks.items():
-    steps = belt_2020.step_velocities(table)
-    along = pd.DataFrame(belt_2020.velocities_at(steps, "velocity_x_mm_s", places) / 1000.0)
+    steps = paper_2020.step_velocities(table)
+    along = pd.DataFrame(paper_2020.velocities_at(steps, "velocity_x_mm_s", places) / 1000.0)
     profile = {"mean_m_s": along.mean(), "std_m_s": along.std(), "particles": along.count()}
     profiles[source, name] = pd.DataFrame(profile).set_index(pd.Index(places, name="x_mm"))
 velocity = pd.concat(profiles, names=["source", "data_set"]).reset_index()
@@ -91,7 +91,7 @@ upstream = PredictionPhase(PHASE.start_mm - 15, PHASE.target_mm - 15)
 fast, tested = {}, {}
 for name, table in tracks.items():
     reached = table["particle"].isin(observed[name].last["particle"])
-    fast[name] = belt_2020.resample(table[reached], 1000.0)
+    fast[name] = paper_2020.resample(table[reached], 1000.0)
     cut = upstream.observe(table[table["x"] < upstream.target_mm]).arrival
     both = cut.merge(upstream.observe(fast[name]).arrival, on="particle", suffixes=("", "_true"))
     off = 1000 * (both["time_s"] - both["time_s_true"]).abs()
@@ -130,10 +130,10 @@ save("fig-belt20-5-crossing", points, caption=caption, picture=picture)
 # predicted. The calibration with 1 % of the particles is drawn many times.
 
 # %%
-draws = belt_2020.CALIBRATION_DRAWS[scale]
-compared = belt_2020.compare_models(observed, PHASE, arrival_deviations, draws, seed)
+draws = paper_2020.CALIBRATION_DRAWS[scale]
+compared = paper_2020.compare_models(observed, PHASE, arrival_deviations, draws, seed)
 compared.insert(0, "source", source)
-arrival = belt_2020.with_unit(compared.round(6), "ms")
+arrival = paper_2020.with_unit(compared.round(6), "ms")
 caption = "Deviation of the predicted from the true arrival time in ms, over 150 mm to the edge. "
 caption += "Median, quartiles and mean absolute error, as medians over the calibration draws."
 columns = ["source", "data_set", "model", "n", "median_ms", "q25_ms", "q75_ms", "mae_ms"]
@@ -145,11 +145,11 @@ save("belt-arrival", arrival[columns], caption=caption)
 
 
 # %%
-beyond = belt_2020.beyond_belt(observed, PHASE)
+beyond = paper_2020.beyond_belt(observed, PHASE)
 faster = arrival["data_set"].map(beyond).where(arrival["model"] == "CA")
 shown = compared[compared["model"] != "CV"]  # its bias would hide the others
 label = {source: "predicted minus true arrival (ms)"}
-picture = belt_2020.draw_deviations(shown, "source", label, 52, 0)
+picture = paper_2020.draw_deviations(shown, "source", label, 52, 0)
 caption = "Deviation of the arrival time, after Fig. 9 of the 2020 paper: box plots, with the "
 caption += "widths of the boxes in ms. Positive: earlier than predicted. Outliers and CV left out."
 table = arrival.assign(beyond_belt_percent=faster)
@@ -167,12 +167,12 @@ by_rate, fewer = {}, min(draws, 20)
 for rate in (1000.0, 500.0, 200.0, 100.0):
     sampled = {}
     for name in DATA_SETS:
-        same = fast[name] if rate == 1000 else belt_2020.resample(fast[name], rate)
+        same = fast[name] if rate == 1000 else paper_2020.resample(fast[name], rate)
         sampled[name] = PHASE.observe(same)
-    part = belt_2020.compare_models(sampled, PHASE, arrival_deviations, fewer, seed)
+    part = paper_2020.compare_models(sampled, PHASE, arrival_deviations, fewer, seed)
     by_rate[rate, source] = part[["data_set", "model", "n", "iqr", "mae"]].round(6)
 by_rate = pd.concat(by_rate, names=["sampling_hz", "source"]).droplevel(-1).reset_index()
-rates = belt_2020.with_unit(by_rate, "ms")
+rates = paper_2020.with_unit(by_rate, "ms")
 
 # %%
 caption = "Deviation of the arrival time by sampling rate, for the same particles. The tracks of "
@@ -202,13 +202,13 @@ for name in DATA_SETS:
 def contrast(observed, phase):
     """Return the differences between models from the start of a phase on."""
     at_start = {name: phase.carry(each) for name, each in observed.items()}
-    return belt_2020.compare_orders(at_start, phase, arrival_deviations, orders, scale, seed)
+    return paper_2020.compare_orders(at_start, phase, arrival_deviations, orders, scale, seed)
 
 
 pairs = contrast(observed, PHASE)
 caption = "By how much the models in 'higher' deviate more than those in 'lower' (ms), with 95 % "
 caption += "interval over particles (paired bootstrap), from the start of the phase on."
-save("belt-arrival-differences", belt_2020.with_unit(pairs, "ms"), caption=caption)
+save("belt-arrival-differences", paper_2020.with_unit(pairs, "ms"), caption=caption)
 
 # %% [markdown]
 # ## Why the spheres differ
@@ -222,11 +222,11 @@ save("belt-arrival-differences", belt_2020.with_unit(pairs, "ms"), caption=capti
 # %%
 sliding, half = {}, 785.0  # mm/s^2, of the median below
 for name, table in tracks.items():
-    steps = belt_2020.step_velocities(table)
+    steps = paper_2020.step_velocities(table)
     gain = steps.groupby("particle")["velocity_x_mm_s"].diff() * 100.0
     middle = gain[steps["x"].between(500, 620)].median()
     sliding[name] = {"acceleration_m_s2": middle / 1000, "friction": middle / GRAVITY_MM_S2}
-steps = belt_2020.step_velocities(fast["spheres"])
+steps = paper_2020.step_velocities(fast["spheres"])
 gain = steps.groupby("particle")["velocity_x_mm_s"].diff() * 1000.0
 slides = (gain > half) & (steps["x"] < 760)  # later ones are collisions
 stops = steps[slides].groupby("particle")["x"].max().quantile([0.05, 0.95])
@@ -243,13 +243,13 @@ starts = {}
 for start in np.arange(608.0, 739.0, 10.0):
     phase = PredictionPhase(start)
     each = {"spheres": phase.observe(fast["spheres"])}
-    part = belt_2020.compare_models(each, phase, arrival_deviations, fewer, seed)
+    part = paper_2020.compare_models(each, phase, arrival_deviations, fewer, seed)
     slide = 100 * (each["spheres"].last["acceleration_x_mm_s2"] > half).mean()
-    shares = {"beyond_belt_percent": belt_2020.beyond_belt(each, phase).item()}
+    shares = {"beyond_belt_percent": paper_2020.beyond_belt(each, phase).item()}
     shares["sliding_percent"] = slide
     starts[start] = part[["model", "mae", "iqr"]].round(6).assign(**shares)
 later = pd.concat(starts, names=["start_mm"]).reset_index("start_mm")
-later = belt_2020.with_unit(later, "ms")
+later = paper_2020.with_unit(later, "ms")
 
 # %% tags=["hide-input"]
 picture, ((above, below),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=60)
@@ -288,10 +288,10 @@ def judge(arrival, pairs, beyond):
     wide = arrival.pivot(index="data_set", columns="model").loc[[*DATA_SETS]]
     mae, bias = wide["mae_ms"], wide["median_ms"].abs()
     gain = 1 - pd.concat([table["CALV"] / table["CA"] for table in (mae, wide["iqr_ms"])])
-    holds = {id: claims.all_of(*belt_2020.holds(pairs, id)) for id in pairs["id"].unique()}
-    worst = claims.all_of(*belt_2020.holds(pairs, "belt20-2", ["MAE"]))
+    holds = {id: claims.all_of(*paper_2020.holds(pairs, id)) for id in pairs["id"].unique()}
+    worst = claims.all_of(*paper_2020.holds(pairs, "belt20-2", ["MAE"]))
     ca = claims.all_of(holds["belt20-11"], bool((bias["CA"] / bias["CV"] <= 0.5).all()))
-    better = np.equal(belt_2020.holds(pairs, "belt20-14"), True).reshape(3, 5).sum(axis=1)
+    better = np.equal(paper_2020.holds(pairs, "belt20-14"), True).reshape(3, 5).sum(axis=1)
     better = pd.Series(better, DATA_SETS)
     good = bool((better <= [2, 3, 2]).all())  # of cuboids, IA, CA and CALV may be better
     stop = "Spheres stop sliding in the phase"
@@ -339,9 +339,9 @@ others = {
 }
 ours, compared = arrival.set_index(["data_set", "model"])["mae_ms"], []
 for choice, (phase, each, name, model) in others.items():
-    part = belt_2020.compare_models(each, phase, arrival_deviations, fewer, seed)
-    part = belt_2020.with_unit(part, "ms")
-    shares = belt_2020.beyond_belt(each, phase)
+    part = paper_2020.compare_models(each, phase, arrival_deviations, fewer, seed)
+    part = paper_2020.with_unit(part, "ms")
+    shares = paper_2020.beyond_belt(each, phase)
     other = part.set_index(["data_set", "model"])["mae_ms"][name, model]
     turns = choices.turned(verdicts, judge(part, contrast(each, phase), shares))
     quantity = f"mean absolute error of {model} for {name} (ms)"

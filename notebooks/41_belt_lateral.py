@@ -23,13 +23,13 @@ from matplotlib.patches import Rectangle
 
 from kilnflight.belt import COMBINATIONS, models
 from kilnflight.belt.phase import PredictionPhase, lateral_deviations, predictions
-from kilnflight.experiments import belt_2020
-from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE, REPLICATES
+from kilnflight.experiments.belt import paper_2020
+from kilnflight.experiments.belt.paper_2020 import DATA_SETS, PHASE, REPLICATES
 from kilnflight.publication import choices, claims, figures, style
 
-files = belt_2020.find_dem()
-source = belt_2020.AUTHORS if files else belt_2020.OWN
-Markdown(belt_2020.INPUT[source])
+files = paper_2020.find_dem()
+source = paper_2020.AUTHORS if files else paper_2020.OWN
+Markdown(paper_2020.INPUT[source])
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -39,7 +39,7 @@ seed = 2020  # of the calibration draws and of the friction model
 style.use_style()
 origin = figures.trace("41_belt_lateral", {"scale": scale}, seed=seed, inputs=files.values())
 save = partial(figures.save, provenance=origin)
-tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES.get(scale))
+tracks = paper_2020.load_tracks(files, seed, paper_2020.PARTICLES.get(scale))
 observed = {name: PHASE.observe(table) for name, table in tracks.items()}
 
 # %% [markdown]
@@ -48,7 +48,7 @@ observed = {name: PHASE.observe(table) for name, table in tracks.items()}
 # %%
 parts = []
 for name, table in tracks.items():
-    steps = belt_2020.step_velocities(table)
+    steps = paper_2020.step_velocities(table)
     chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
     parts.append(steps[steps["particle"].isin(chosen)].assign(data_set=name))
 samples = pd.concat(parts).rename(columns={"x": "x_mm"})
@@ -78,8 +78,8 @@ save("fig-belt20-8-lateral-velocity", samples, caption=caption, picture=picture)
 places, motion = np.arange(400.0, 751.0, 25.0), []
 for name, each in observed.items():
     kept = tracks[name]["particle"].isin(each.last["particle"])
-    steps = belt_2020.step_velocities(tracks[name][kept])
-    speed = np.abs(belt_2020.velocities_at(steps, "velocity_y_mm_s", places))
+    steps = paper_2020.step_velocities(tracks[name][kept])
+    speed = np.abs(paper_2020.velocities_at(steps, "velocity_y_mm_s", places))
     start, seen = each.last["velocity_y_mm_s"].to_numpy(), np.isfinite(speed).all(axis=1)
     generator, n = np.random.default_rng(seed), len(start)
     draws = [np.arange(n), *(generator.integers(0, n, n) for _ in range(REPLICATES[scale]))]
@@ -152,10 +152,10 @@ save("fig-belt20-4-decisions", decisions.reset_index(), caption=caption, picture
 # Two combinations with the same lateral model differ only in the time that the particle takes.
 
 # %%
-draws = belt_2020.CALIBRATION_DRAWS[scale]
-compared = belt_2020.compare_models(observed, PHASE, lateral_deviations, draws, seed)
+draws = paper_2020.CALIBRATION_DRAWS[scale]
+compared = paper_2020.compare_models(observed, PHASE, lateral_deviations, draws, seed)
 compared.insert(0, "source", source)
-lateral = belt_2020.with_unit(compared.round(6), "mm")
+lateral = paper_2020.with_unit(compared.round(6), "mm")
 caption = (
     "Deviation of the predicted from the true lateral position in mm, over 150 mm to the edge. "
 )
@@ -165,7 +165,7 @@ save("belt-lateral", lateral[columns], caption=caption)
 
 # %%
 label = {source: "predicted minus true position (mm)"}
-picture = belt_2020.draw_deviations(compared, "source", label, 58, 60)
+picture = paper_2020.draw_deviations(compared, "source", label, 58, 60)
 caption = "Deviation of the lateral position, after Fig. 10 of the 2020 paper: box plots without "
 caption += "outliers, with the widths of the boxes in mm. Names: arrival model, lateral model."
 save("fig-belt20-10-lateral", lateral, caption=caption, picture=picture)
@@ -190,10 +190,10 @@ orders = [("belt20-7", (*others, ratio), (straight,)), ("belt20-8", ("CA-CA",), 
 orders += [("belt20-9", (better,), ("CA-CA",)) for better in ("LV-DSC", "CA-CADSC")]
 orders += [("belt20-10", (ratio,), (straight, *others))]
 by_name = dict.fromkeys(DATA_SETS, orders)
-pairs = belt_2020.compare_orders(observed, PHASE, deviate, by_name, scale, seed)
+pairs = paper_2020.compare_orders(observed, PHASE, deviate, by_name, scale, seed)
 caption = "By how much the models in 'higher' deviate more than those in 'lower' (mm), with 95 % "
 caption += "interval over particles (paired bootstrap)."
-save("belt-lateral-differences", belt_2020.with_unit(pairs, "mm"), caption=caption)
+save("belt-lateral-differences", paper_2020.with_unit(pairs, "mm"), caption=caption)
 
 # %% [markdown]
 # ## Sentences of the paper
@@ -210,7 +210,7 @@ def judge(lateral, pairs):
     """Return the verdicts on the paper's sentences."""
     wide = lateral.pivot(index="data_set", columns="model").loc[[*DATA_SETS]]
     mae, iqr = wide["mae_mm"], wide["iqr_mm"]
-    holds = {id: belt_2020.holds(pairs, id) for id in pairs["id"].unique()}
+    holds = {id: paper_2020.holds(pairs, id) for id in pairs["id"].unique()}
     worst = claims.all_of(*holds["belt20-7"])
     gain = pd.concat([1 - table["LV-DSC"] / table["CA-CA"] for table in (mae, iqr)])
     no_gain = bool((gain < 0.05).all())
@@ -243,7 +243,7 @@ verdicts = judge(lateral, pairs)
 generator, shaken = np.random.default_rng(seed), {}
 for name, table in tracks.items():
     reached = table["particle"].isin(observed[name].last["particle"])
-    fast = belt_2020.resample(table[reached], 1000.0)
+    fast = paper_2020.resample(table[reached], 1000.0)
     fast[["x", "y"]] += generator.normal(0.0, 2e-5, (len(fast), 2))
     shaken[name] = PHASE.observe(fast)
 upstream = PredictionPhase(PHASE.start_mm - 15, PHASE.target_mm - 15)
@@ -253,9 +253,9 @@ others = {
 }
 compared = []
 for choice, (phase, each) in others.items():
-    part = belt_2020.compare_models(each, phase, lateral_deviations, min(draws, 20), seed)
-    part = belt_2020.with_unit(part, "mm")
-    other = belt_2020.compare_orders(each, phase, deviate, by_name, scale, seed)
+    part = paper_2020.compare_models(each, phase, lateral_deviations, min(draws, 20), seed)
+    part = paper_2020.with_unit(part, "mm")
+    other = paper_2020.compare_orders(each, phase, deviate, by_name, scale, seed)
     texts = []
     for table in (lateral, part):
         mae = table.set_index(["data_set", "model"])["mae_mm"]["cuboids"]

@@ -19,14 +19,14 @@ from IPython.display import Markdown
 
 from kilnflight.belt import tracker
 from kilnflight.belt.camera import BELT, Area
-from kilnflight.experiments import belt_2016, belt_2020
+from kilnflight.experiments.belt import paper_2016, paper_2020
 from kilnflight.publication import figures, style
 from kilnflight.simulated.belt.bulk import BULKS
 from kilnflight.simulated.belt.rendering import Pictures, at_rate
 
-files = belt_2020.find_dem()
+files = paper_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"
-Markdown(belt_2020.INPUT[belt_2020.AUTHORS if files else belt_2020.OWN])
+Markdown(paper_2020.INPUT[paper_2020.AUTHORS if files else paper_2020.OWN])
 
 # %% [markdown]
 # The public tracks are those of the 2020 paper, whose spheres have another friction than those of
@@ -40,13 +40,13 @@ seed = 2020  # of the noise in the pictures, and of the friction model
 
 # %%
 style.use_style()
-count, end_mm = belt_2016.PARTICLES[scale], belt_2016.PHASE_2016.start_mm
+count, end_mm = paper_2016.PARTICLES[scale], paper_2016.PHASE_2016.start_mm
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_belt_pictures", setting, seed=seed, inputs=files.values())
-coarse = belt_2020.load_tracks(files, seed, count)["spheres"]
-bodies = belt_2020.resample(coarse, belt_2016.TRUTH_HZ)
+coarse = paper_2020.load_tracks(files, seed, count)["spheres"]
+bodies = paper_2020.resample(coarse, paper_2016.TRUTH_HZ)
 pictures = Pictures(bodies, BULKS["spheres"], seed)
-pictured = belt_2016.track_pictures(pictures)
+pictured = paper_2016.track_pictures(pictures)
 calibration, spots, followed = pictured
 print(
     f"{len(pictures)} pictures, {len(spots)} spots; corners found to {calibration.error_mm:.3f} mm"
@@ -64,9 +64,11 @@ busiest = int(spots["frame"].value_counts().sort_index().idxmax())
 states = followed.states
 shown = states.query("frame == @busiest and valid == 1").set_index("particle")
 places = at_rate(bodies, 1 / tracker.BELT_FRAME_S)
-pairs = belt_2016.match(states[states["row"] >= 0], places).reindex(shown.index).dropna()
+pairs = paper_2016.match(states[states["row"] >= 0], places).reindex(shown.index).dropna()
 near = bodies[bodies["particle"].isin(pairs)]
-gradient = near.groupby("particle")["x"].transform(lambda x: np.gradient(x, 1 / belt_2016.TRUTH_HZ))
+gradient = near.groupby("particle")["x"].transform(
+    lambda x: np.gradient(x, 1 / paper_2016.TRUTH_HZ)
+)
 now = np.isclose(near["time_s"], busiest * tracker.BELT_FRAME_S)
 true = near.assign(velocity=gradient)[now].set_index("particle").loc[pairs]
 table = shown.loc[pairs.index, ["x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]].reset_index()
@@ -142,7 +144,7 @@ figures.save("fig-belt16-2-likelihoods", curves, **save)
 # one for each track. The paper leaves the lower right corner open; 0 (likelihood 1) adds nothing.
 
 # %%
-follow = belt_2016.tracker_until(end_mm)
+follow = paper_2016.tracker_until(end_mm)
 step = max(
     follow.steps(spots), key=lambda one: min(5, len(one.pairs.expected), one.pairs.detections)
 )

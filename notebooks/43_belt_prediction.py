@@ -20,15 +20,15 @@ from IPython.display import Markdown
 
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import constant_velocity
-from kilnflight.experiments import belt_2016, belt_2020
-from kilnflight.experiments.belt_2016 import PHASE_2016, SIM, STRAIGHT, TRACKING
+from kilnflight.experiments.belt import paper_2016, paper_2020
+from kilnflight.experiments.belt.paper_2016 import PHASE_2016, SIM, STRAIGHT, TRACKING
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.belt.bulk import BULKS
 from kilnflight.simulated.belt.rendering import Pictures
 
-files = belt_2020.find_dem()
+files = paper_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"
-Markdown(belt_2020.INPUT[belt_2020.AUTHORS if files else belt_2020.OWN])
+Markdown(paper_2020.INPUT[paper_2020.AUTHORS if files else paper_2020.OWN])
 
 # %% [markdown]
 # The public tracks are those of the 2020 paper, whose spheres have another friction than those of
@@ -53,16 +53,16 @@ jobs = 2  # processes, one material each
 
 # %%
 style.use_style()
-first = belt_2016.PARTICLES[scale]  # to enter
+first = paper_2016.PARTICLES[scale]  # to enter
 count = None if scale == "full" else first  # of spheres; all in a full run
 setting = {"scale": scale, "count": count}
 origin = figures.trace("43_belt_prediction", setting, seed=seed, inputs=files.values())
-coarse = belt_2020.load_tracks(files, seed, count)
+coarse = paper_2020.load_tracks(files, seed, count)
 for name in ("cuboids", "cylinders"):  # no claim is on them
-    coarse[name] = belt_2020.first_to_enter(coarse[name], first)
-bodies = {name: belt_2020.resample(each, belt_2016.TRUTH_HZ) for name, each in coarse.items()}
+    coarse[name] = paper_2020.first_to_enter(coarse[name], first)
+bodies = {name: paper_2020.resample(each, paper_2016.TRUTH_HZ) for name, each in coarse.items()}
 pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}
-pictured = belt_2016.track_all(pictures, jobs)
+pictured = paper_2016.track_all(pictures, jobs)
 
 # %% [markdown]
 # ## Deviations at the edge
@@ -71,8 +71,8 @@ pictured = belt_2016.track_all(pictures, jobs)
 # may lose its track; then it has no prediction, or a later track gives a second one.
 
 # %%
-every = belt_2016.all_deviations(pictured, bodies)
-boxes = belt_2016.summaries(every, ["material", "data", "approach"], seed)
+every = paper_2016.all_deviations(pictured, bodies)
+boxes = paper_2016.summaries(every, ["material", "data", "approach"], seed)
 boxes.round(3)
 
 # %% tags=["hide-input"]
@@ -112,7 +112,7 @@ def larger(one, other, name):
 
 def judge(deviations):
     """Return the verdicts on the paper's sentences from the spheres' deviations."""
-    table = belt_2016.summaries(deviations, ["data", "approach"], seed)
+    table = paper_2016.summaries(deviations, ["data", "approach"], seed)
     rows = table.set_index(["quantity", "data", "approach"])
     lateral, temporal = rows.loc["lateral_mm"], rows.loc["temporal_ms"]
     sim, free, straight = (lateral.loc["noise-free", name] for name in (SIM, TRACKING, STRAIGHT))
@@ -163,13 +163,13 @@ filters = {
 }
 exact = of_spheres[of_spheres["data"] == "noise-free"]
 spheres, frames = pictured["spheres"], len(pictures["spheres"])
-follow, rows, robust = belt_2016.tracker_until(PHASE_2016.start_mm), [], {}
+follow, rows, robust = paper_2016.tracker_until(PHASE_2016.start_mm), [], {}
 for name, (spread, noise) in filters.items():
     motion = constant_velocity(spread_mm=spread, acceleration_mm_s2=noise)
     seen = spheres._replace(followed=replace(follow, motion=motion)(spheres.spots, frames))
-    images = belt_2016.from_images(seen, bodies["spheres"]).assign(data="images")
+    images = paper_2016.from_images(seen, bodies["spheres"]).assign(data="images")
     robust[name] = judge(pd.concat([exact, images]))
-    each = belt_2016.summaries(images, ["approach"], seed).assign(filter=name)
+    each = paper_2016.summaries(images, ["approach"], seed).assign(filter=name)
     each = each.assign(spread_mm=spread, acceleration_mm_s2=noise)
     rows.append(each.assign(**{verdict.id: verdict.verdict for verdict in robust[name]}))
 columns = ["filter", "spread_mm", "acceleration_mm_s2", "approach", "quantity", "n", "median"]
@@ -188,10 +188,10 @@ figures.save("belt-filters", tried, caption=caption, provenance=origin)
 
 # %%
 upstream = PredictionPhase(PHASE_2016.start_mm - 15, PHASE_2016.target_mm - 15)
-follow = belt_2016.tracker_until(upstream.start_mm)
+follow = paper_2016.tracker_until(upstream.start_mm)
 seen = {"spheres": spheres._replace(followed=follow(spheres.spots, frames))}
-before = belt_2016.all_deviations(seen, {"spheres": bodies["spheres"]}, upstream)
-entered = belt_2020.first_to_enter(bodies["spheres"], first)["particle"]
+before = paper_2016.all_deviations(seen, {"spheres": bodies["spheres"]}, upstream)
+entered = paper_2020.first_to_enter(bodies["spheres"], first)["particle"]
 early = of_spheres[of_spheres["particle"].isin(entered)]
 compared = []
 for choice, other in {"B2": before, "B5": early}.items():

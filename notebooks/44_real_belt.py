@@ -29,11 +29,11 @@ from kilnflight.belt.phase import (
 )
 from kilnflight.belt.recordings import CAMERA_END_PX, MM_PER_PX, NOZZLES_PX, REAL_FRAME_S
 from kilnflight.belt.tracker import Appearance, BeltTracker
-from kilnflight.experiments import belt_2020, belt_real
+from kilnflight.experiments.belt import paper_2020, recorded
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 
-files = belt_real.find_recordings()
+files = recorded.find_recordings()
 absent = "**The authors' recordings are not here**, nothing is shown; `make data` gets them."
 count = sum(map(len, files.values()))
 Markdown(f"**Input:** {count} recordings of a real sorter by the authors." if files else absent)
@@ -52,7 +52,7 @@ names = [(name, path.name.partition(".")[0]) for name, paths in used.items() for
 pixels = dict(zip(names, map(recordings.read_recording, inputs), strict=True))
 tables = {key: part.assign(**(MM_PER_PX * part[["x", "y"]])) for key, part in pixels.items()}
 measured = {
-    name: belt_real.join_recordings(part for key, part in tables.items() if key[0] == name)
+    name: recorded.join_recordings(part for key, part in tables.items() if key[0] == name)
     for name in used
 }
 
@@ -95,8 +95,8 @@ for name, kind in product(measured, filters):
         appearance = Appearance(area, 0.5, entry_mm=step * px, entry_blur_mm=10 * px)
         tracker = BeltTracker(model((step * per_s, 0.0), **noise), appearance, REAL_FRAME_S)
         parts.append((table, tracker(table)))
-    followed[name, kind] = belt_real.join_followed(parts)
-    shared = belt_real.compare_links(measured[name], followed[name, kind])
+    followed[name, kind] = recorded.join_followed(parts)
+    shared = recorded.compare_links(measured[name], followed[name, kind])
     links.append({"data_set": name, "filter": kind} | shared)
 
 # %% [markdown]
@@ -118,7 +118,7 @@ for shared in links:
     omitted[name, kind] = {"predicted": len(each.last)} | each.left_out
     left_out = sum(each.left_out.values())
     for quantity, deviations in quantities.items():
-        table = belt_2020.compare_models({name: each}, phase, deviations, draws, seed)
+        table = paper_2020.compare_models({name: each}, phase, deviations, draws, seed)
         parts.append(table.assign(quantity=quantity, left_out=left_out, **shared))
 pd.DataFrame(omitted).T
 
@@ -134,7 +134,7 @@ def contrast(observed, phase):
     along = {name: [("belt20-23", ("CVBC", "IA"), ("IV",))] for name in observed}
     orders = {"lateral_mm": across, "arrival_ms": along}
     parts = [
-        belt_2020.compare_orders(observed, phase, quantities[quantity], order, scale, seed)
+        paper_2020.compare_orders(observed, phase, quantities[quantity], order, scale, seed)
         for quantity, order in orders.items()
     ]
     return pd.concat(parts, ignore_index=True)
@@ -142,11 +142,11 @@ def contrast(observed, phase):
 
 def judge(pairs):
     """Return the verdicts on the paper's sentences."""
-    better = claims.all_of(*belt_2020.holds(pairs, "belt20-22"))
+    better = claims.all_of(*paper_2020.holds(pairs, "belt20-22"))
     lateral = pairs[(pairs["id"] == "belt20-22") & (pairs["measure"] == "MAE")]
     gain = lateral.set_index("data_set")["excess"]
     of_wheat = pairs[pairs["data_set"] == "wheat"]
-    (worst,) = belt_2020.holds(of_wheat, "belt20-23")
+    (worst,) = paper_2020.holds(of_wheat, "belt20-23")
     along = of_wheat[of_wheat["id"] == "belt20-23"].set_index("measure")["excess"]
     return [
         claims.check("belt20-22", better, gain, "Gain in mm (MAE); for wheat the IQR is larger."),
@@ -172,7 +172,7 @@ if files:
     labels = {"arrival_ms": "arrival (ms)", "lateral_mm": "place (mm)"}
     labels = {name: f"predicted minus observed\n{label}" for name, label in labels.items()}
     of_cv = (models["filter"] == "CV filter") & ~models["model"].isin(["CA", "CA-CA", "IA-CA"])
-    picture = belt_2020.draw_deviations(models[of_cv], "quantity", labels, 105, 60)
+    picture = paper_2020.draw_deviations(models[of_cv], "quantity", labels, 105, 60)
     caption = "Deviations on real recordings with the constant-velocity filter, over 42 mm, as "
     caption += "Figs 9 and 10 of the 2020 paper show them for simulations. Box plots with the "
     caption += "widths of the boxes. Left out: outliers, and tracks with a gap, too short or lost "

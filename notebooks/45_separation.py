@@ -22,15 +22,15 @@ from IPython.display import Markdown
 
 from kilnflight import belt
 from kilnflight.belt.valves import ValveBar
-from kilnflight.experiments import belt_2016, belt_2020, belt_valves
+from kilnflight.experiments.belt import lots, paper_2016, paper_2020
 from kilnflight.publication import figures, style
 from kilnflight.simulated.belt.bulk import BULKS
 from kilnflight.simulated.belt.rendering import Pictures
 
-files = belt_2020.find_dem()
-source = belt_2020.AUTHORS if files else belt_2020.OWN
+files = paper_2020.find_dem()
+source = paper_2020.AUTHORS if files else paper_2020.OWN
 called = "the authors' tracks" if files else "the friction model"
-Markdown(belt_2020.INPUT[source])
+Markdown(paper_2020.INPUT[source])
 
 # %% [markdown]
 # The bar is at the edge of the belt. Predictions start 150 mm before it. The first half of the
@@ -56,15 +56,15 @@ jobs = 2  # processes, one material each
 
 # %%
 style.use_style()
-count = belt_2016.PARTICLES[scale]  # in the pictures, of each material
+count = paper_2016.PARTICLES[scale]  # in the pictures, of each material
 setting = {"scale": scale, "count": count, "blown": blown}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-exact = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES.get(scale))
-coarse = belt_2020.load_tracks(files, seed, count)
-bodies = {name: belt_2020.resample(each, belt_2016.TRUTH_HZ) for name, each in coarse.items()}
+exact = paper_2020.load_tracks(files, seed, paper_2020.PARTICLES.get(scale))
+coarse = paper_2020.load_tracks(files, seed, count)
+bodies = {name: paper_2020.resample(each, paper_2016.TRUTH_HZ) for name, each in coarse.items()}
 pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}
-pictured = belt_2016.track_all(pictures, jobs, phase.start_mm)
+pictured = paper_2016.track_all(pictures, jobs, phase.start_mm)
 
 # %%
 times_ms = (0.5, 1, 2, 3, 5, 7, 10, 15, 20)
@@ -79,10 +79,10 @@ def separate(entering, models):
     y = second.arrival["y"].to_numpy()[second.rows[known]]
     for name, when, where in first.fit(models):
         predicted = second.predict(when, where)
-        lots = belt_valves.draw_lots(second, predicted, blown, seed)
+        drawn = lots.draw_lots(second, predicted, blown, seed)
         off = np.abs(predicted["y"].to_numpy()[known] - y)
         for bar in bars:
-            shares = bar(*lots)
+            shares = bar(*drawn)
             row = {
                 "model": name,
                 "valves": bar.valves,
@@ -101,11 +101,11 @@ def separate(entering, models):
 # %%
 tables = {}
 for name, tracks in exact.items():
-    entering = belt_valves.of_bodies(tracks, phase)
-    tables[source, name] = separate(entering, belt_valves.VALVE_MODELS)
+    entering = lots.of_bodies(tracks, phase)
+    tables[source, name] = separate(entering, lots.VALVE_MODELS)
 for name, seen in pictured.items():
-    entering = belt_valves.of_pictures(seen, bodies[name], phase)
-    tables["pictures", name] = separate(entering, belt_valves.OF_VELOCITY)
+    entering = lots.of_pictures(seen, bodies[name], phase)
+    tables["pictures", name] = separate(entering, lots.OF_VELOCITY)
 table = pd.concat(tables, names=["source", "data_set"]).droplevel(-1).reset_index()
 
 # %% [markdown]

@@ -28,8 +28,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import regression
-from kilnflight.experiments import campaigns, flights, plots, variants
-from kilnflight.experiments.campaigns import KEYS, REASONS
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import campaigns, comparison, variants
+from kilnflight.experiments.flights.campaigns import KEYS, REASONS
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.regression import AXIS_MEASURES, Regression, regress
 from kilnflight.tables import TRAJECTORIES
@@ -91,13 +92,13 @@ printed = printed.rename(lambda name: name.lower().rstrip("s"), level="fraction"
 printed = printed.rename(str.lower, level="measure")
 rows = []
 for (fraction, part), axis in product(fitted.groupby("fraction", sort=False), "xyz"):
-    fits = {name: part[column.format(axis)] for column, name in flights.FIT_MEASURES.items()}
+    fits = {name: part[column.format(axis)] for column, name in comparison.FIT_MEASURES.items()}
     row = {"fraction": fraction, "axis": axis}
     row |= {name: values.median() for name, values in fits.items()}
     row["tracks"] = len(part)
     row |= {f"{name}_published": printed[fraction.lower(), axis, name] for name in fits}
     for name, values in fits.items():
-        ends = flights.interval_columns(flights.median_of(values, generator))
+        ends = comparison.interval_columns(comparison.median_of(values, generator))
         row |= {f"{name}_{side}": ends[side] for side in ("low", "high")}
     rows.append(row)
 measures = pd.DataFrame(rows)
@@ -164,7 +165,7 @@ steps = (
     each_order.groupby([*KEYS, "particle", "order"])["r2_adjusted"].mean().unstack().diff(axis=1)
 )
 found = {
-    order: flights.interval_columns(flights.median_of(steps[order], generator))
+    order: comparison.interval_columns(comparison.median_of(steps[order], generator))
     for order in steps.columns[1:]
 }
 columns = ["number", "estimate", "low", "high"]
@@ -297,7 +298,7 @@ def judge(gains):
     """Return the verdict: the accuracy falls from order 6 to 7 (adjusted R2)."""
     last = gains[gains["order"] == 7]
     answers = [claims.beyond(-high, -low) for low, high in last[["low", "high"]].to_numpy()]
-    holds = flights.if_complete(numbers, {"fit-4": claims.all_of(*answers)})["fit-4"]
+    holds = comparison.if_complete(numbers, {"fit-4": claims.all_of(*answers)})["fit-4"]
     found = gains.set_index("order")["estimate"].reindex([6, 7])
     measured = f"order 6 {found[6]:+.4f}, order 7 {found[7]:+.4f}"
     reason = "Median gain of a trajectory's adjusted R2 by the order, mean over its axes."

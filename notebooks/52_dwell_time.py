@@ -28,8 +28,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import regression
-from kilnflight.experiments import accuracy, campaigns, flights, plots, variants
-from kilnflight.experiments.campaigns import COMPLETE, KEYS, REASONS
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import accuracy, campaigns, comparison, variants
+from kilnflight.experiments.flights.campaigns import COMPLETE, KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LEFT, LOST, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.publication import choices, claims, figures, style
@@ -96,7 +97,7 @@ picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=
 ordered = counted[counted["ignition"].isin([NONE, SEEN])].sort_values("dwell_s", kind="stable")
 shown, handles = [], {}
 for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
-    kind = flights.HEAVY if case == CASES[0] else flights.PAPERS
+    kind = comparison.HEAVY if case == CASES[0] else comparison.PAPERS
     flown = ordered[(cases(ordered) == case) & ordered["fraction"].isin(kind)]
     axes.set(title=f"({letter}) {case}: none measured", xlabel="depth from the lance (m)")
     for index, one in flown.iloc[(len(flown) - 1) // 2 :].iterrows():
@@ -185,18 +186,18 @@ figures.save("dwell-endings", errors.reset_index().round(4), caption=caption, pr
 
 # %%
 bars, median = (4.5, 5.0), "dwell median (s)"
-others = ("PE granule", *flights.PAPERS)
+others = ("PE granule", *comparison.PAPERS)
 later = [((name, bar), ("wood chip", bar)) for bar in bars for name in others]
 granules = ("PE granule", 4.5)
-longer = [(granules, (name, 4.5)) for name in ("wood chip", *flights.PAPERS)]
+longer = [(granules, (name, 4.5)) for name in ("wood chip", *comparison.PAPERS)]
 longer += [(granules, ("PE granule", 5.0))]
 
 
 def measure(measured):
     """Return the recovery, the lead of the chips, the delay of the granules, and numbers."""
-    table = flights.recovery(measured, results.true, "dwell", generator)
+    table = comparison.recovery(measured, results.true, "dwell", generator)
     first, falls = (
-        flights.differences(measured, results.true, median, pairs, generator)
+        comparison.differences(measured, results.true, median, pairs, generator)
         for pairs in (later, longer)
     )
     return table, first, falls, [len(each.dwell_s) for each in measured.values()]
@@ -273,17 +274,17 @@ figures.save("dwell-choices", data.round(4), caption=caption, provenance=origin)
 def judge(table, first, falls, numbers):
     """Return the verdicts on saved tables of one choice."""
     most = [
-        flights.recovered(table, outcome=outcome, pressure_bar=5.0, fraction=name)
-        for outcome, names in zip(SHARES, (flights.HEAVY, flights.PAPERS), strict=True)
+        comparison.recovered(table, outcome=outcome, pressure_bar=5.0, fraction=name)
+        for outcome, names in zip(SHARES, (comparison.HEAVY, comparison.PAPERS), strict=True)
         for name in names
     ]
     answers = {
-        "dwell-1": flights.recovered(table, outcome=median),
-        "dwell-2": flights.all_above(first),
-        "dwell-3": flights.all_above(falls),
+        "dwell-1": comparison.recovered(table, outcome=median),
+        "dwell-2": comparison.all_above(first),
+        "dwell-3": comparison.all_above(falls),
         "dwell-4": claims.all_of(*most),
     }
-    holds = flights.if_complete(numbers, answers)
+    holds = comparison.if_complete(numbers, answers)
     count = table.loc[table["outcome"] == median, "verdict"].value_counts()
     each = ", ".join(f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open"))
     right = f"{sum(one is True for one in most)} of {len(most)} shares"
@@ -301,7 +302,7 @@ def judge(table, first, falls, numbers):
 
 # %%
 checks = judge(*ours)
-off = {name: flights.ends(each["error"], "{:+.3f}") for name, each in medians.items()}
+off = {name: comparison.ends(each["error"], "{:+.3f}") for name, each in medians.items()}
 compared = [
     choices.compare(
         choice,

@@ -25,8 +25,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import regression
-from kilnflight.experiments import accuracy, campaigns, flights, plots, variants
-from kilnflight.experiments.campaigns import KEYS
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import accuracy, campaigns, comparison, variants
+from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.flight import straight_on
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores.flights import METRES
@@ -102,7 +103,7 @@ for campaign, ours in accuracy.matched(results):
     measured = measured[measured["slice_m"] > 0]  # not behind the lance
     parts[campaign.key] = measured[columns].merge(true, "outer", ["particle", "slice_m"])
 pairs = campaigns.stack(parts)
-printed = flights.printed_numbers()
+printed = comparison.printed_numbers()
 picture = plots.draw_velocity_boxes(sources, keys, printed)
 caption = (
     "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of all flights, "
@@ -119,7 +120,7 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 # the first detection counts, as published.
 
 # %%
-table = flights.recovery(results.measured, results.true, "velocity|remaining", generator)
+table = comparison.recovery(results.measured, results.true, "velocity|remaining", generator)
 caption = (
     "Median velocity in depth within each metre, and shares that pass it: printed, put in, true "
     "and measured; measured minus true with its 95 % interval (bootstrap, Wilson). "
@@ -172,15 +173,15 @@ figures.save("fig-5-20-remaining", data, picture=picture, caption=caption, prove
 
 # %%
 bars, metre = (4.5, 5.0), "velocity 0-1 m (m/s)"
-heavy = [((a, bar), (b, bar)) for bar in bars for a in flights.HEAVY for b in flights.PAPERS]
+heavy = [((a, bar), (b, bar)) for bar in bars for a in comparison.HEAVY for b in comparison.PAPERS]
 papers = [(("confetti", bar), ("paper shred", bar)) for bar in bars]
-pressure = [((name, 5.0), (name, 4.5)) for name in (*flights.HEAVY, *flights.PAPERS)]
+pressure = [((name, 5.0), (name, 4.5)) for name in (*comparison.HEAVY, *comparison.PAPERS)]
 
 
 def measure(measured):
     """Return differences: chips and granules from papers, confetti from shreds, 5 from 4.5 bar."""
     apart, lag, change = (
-        flights.differences(measured, results.true, metre, pairs, generator)
+        comparison.differences(measured, results.true, metre, pairs, generator)
         for pairs in (heavy, papers, pressure)
     )
     return apart, lag, change, [len(each.ignition_s) for each in measured.values()]
@@ -207,7 +208,7 @@ varied = {
 }
 rows = []
 for value, each in ({"ours": results.measured} | varied).items():
-    found = flights.recovery(each, results.true, "velocity 0-1 m", generator)
+    found = comparison.recovery(each, results.true, "velocity 0-1 m", generator)
     rows.append(found.assign(value=value))
 columns = ["value", *KEYS, "number", "measured", "true", "error", "low", "high", "verdict"]
 first = pd.concat(rows, ignore_index=True)[columns]
@@ -226,17 +227,17 @@ true = table[table["outcome"] == metre].set_index(KEYS)["true"]
 
 def judge(apart, lag, change, numbers):
     """Return the verdicts on saved tables of one choice."""
-    most = [flights.TOLERANCE * true[name, 4.5] for name in change["fraction"]]
+    most = [comparison.TOLERANCE * true[name, 4.5] for name in change["fraction"]]
     right = [
         claims.within(row.low, row.high, row.true - limit, row.true + limit)
         for row, limit in zip(change.itertuples(), most, strict=True)
     ]
     answers = {
-        "vel-1": flights.all_above(apart),
+        "vel-1": comparison.all_above(apart),
         "vel-6": claims.all_of(*right),
-        "vel-7": flights.all_above(lag),
+        "vel-7": comparison.all_above(lag),
     }
-    holds = flights.if_complete(numbers, answers)
+    holds = comparison.if_complete(numbers, answers)
     least, kept = "Least end of any interval (m/s).", f"{right.count(True)} of {len(right)}"
     found = {
         "vel-1": (apart["low"].min(), least),
@@ -248,7 +249,9 @@ def judge(apart, lag, change, numbers):
 
 # %%
 checks = judge(*ours)
-off = {value: flights.ends(errors, "{:+.1f}") for value, errors in first.groupby("value")["error"]}
+off = {
+    value: comparison.ends(errors, "{:+.1f}") for value, errors in first.groupby("value")["error"]
+}
 compared = [
     choices.compare(
         name,

@@ -24,8 +24,9 @@ pictures = 0  # frames in each optical picture; 0: 5, 30 or 1000 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import accuracy, campaigns, flights, ignition, plots, variants
-from kilnflight.experiments.campaigns import KEYS
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import accuracy, campaigns, comparison, ignition, variants
+from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.ignition import Ignition
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import intervals
@@ -89,7 +90,7 @@ figures.save(
 # %%
 rows = []
 for key in keys:
-    if key[0] not in flights.PAPERS:
+    if key[0] not in comparison.PAPERS:
         continue  # their flights are tested above; dwell times take them as unlit
     error = accuracy.errors(campaigns.of_campaign(both, key))
     row = {"fraction": key[0], "pressure_bar": key[1]}
@@ -98,7 +99,7 @@ for key in keys:
         row[kind] = int(error[kind])
         row[f"{kind}_detected"] = int(error[f"{kind}_detected"])
         share = intervals.share(row[f"{kind}_detected"], row[kind])
-        ends = flights.interval_columns(share)
+        ends = comparison.interval_columns(share)
         for end, name in (("estimate", ""), ("low", "_low"), ("high", "_high")):
             row[f"{rate}_percent{name}"] = round(100 * ends[end], 2)
     row["time_error_n"] = error["ignition_s_n"]
@@ -120,8 +121,8 @@ figures.save("ignition-detected", table, caption=caption, provenance=origin)
 # biased if the interval lies outside, else open.
 
 # %%
-recovery = flights.recovery(results.measured, results.true, "ignit", generator)
-recovery = recovery[recovery["fraction"].isin(flights.PAPERS)]
+recovery = comparison.recovery(results.measured, results.true, "ignit", generator)
+recovery = recovery[recovery["fraction"].isin(comparison.PAPERS)]
 caption = (
     "Ignition of papers in flight: printed, put in, true in the recordings and measured; measured "
     "minus true with its 95 % interval (Wilson; bootstrap for the median)."
@@ -135,14 +136,14 @@ figures.save("ignition-recovery", recovery.round(3), caption=caption, provenance
 names = {"measured_ignition_s": "measured_s", "true_ignition_s": "true_s"}
 data = both.rename(columns=names).assign(detected=both["track"] >= 0)
 data = data[[*KEYS, "particle", "measured_s", "true_s", "detected"]]
-printed = flights.printed_numbers()
+printed = comparison.printed_numbers()
 
 # %% tags=["hide-input"]
 sources = {"true": results.true, "measured": results.measured}
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharex=True)
 places = {"ignited < 0.1 s (%)": 0.05, "ignited (%)": 0.95}
 bounds = printed.assign(at=printed["outcome"].map(places)).dropna(subset="at")
-papers = [key for key in keys if key[0] in flights.PAPERS]
+papers = [key for key in keys if key[0] in comparison.PAPERS]
 for axes, key in zip(grid.flat, papers, strict=False):
     for k, (source, values) in enumerate(sources.items()):
         bins = ignition_histogram(values[key].ignition_s)
@@ -172,16 +173,16 @@ figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, proven
 # %%
 bars = (4.5, 5.0)
 kinds = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
-pressure = [((name, 4.5), (name, 5.0)) for name in flights.PAPERS]
+pressure = [((name, 4.5), (name, 5.0)) for name in comparison.PAPERS]
 later = [pair[::-1] for pair in kinds + pressure]
 
 
 def differ(measured):
     """Return differences of the share that ignites and of the median time, as printed above 0."""
-    often = flights.differences(
+    often = comparison.differences(
         measured, results.true, SHARES["ignited"], kinds + pressure, generator
     )
-    early = flights.differences(measured, results.true, "ignition median (s)", later, generator)
+    early = comparison.differences(measured, results.true, "ignition median (s)", later, generator)
     return pd.concat([often, early])
 
 
@@ -197,24 +198,24 @@ figures.save("ignition-orders", orders.round(3), caption=caption, provenance=ori
 # %%
 def false_share(traces, what):
     """Return the share of the unlit chips and granules that seem to burn, with its interval."""
-    heavy = traces[traces["fraction"].isin(flights.HEAVY)]
+    heavy = traces[traces["fraction"].isin(comparison.HEAVY)]
     return intervals.share(int(heavy[what].sum()), int(heavy["unlit"].sum()))
 
 
 def judge(false, recovery, orders):
     """Return the verdicts on saved tables of one choice."""
     answers = {"ign-1": claims.beyond(BASICALLY - false.high, BASICALLY - false.low)}
-    for claim, name in zip(("ign-2", "ign-3"), flights.PAPERS, strict=True):
+    for claim, name in zip(("ign-2", "ign-3"), comparison.PAPERS, strict=True):
         outcomes = list(SHARES.values())[: 1 if name == "confetti" else 2]  # as its sentence says
         rows = recovery[(recovery["fraction"] == name) & recovery["outcome"].isin(outcomes)]
-        answers[claim] = flights.recovered(rows)
-    answers["ign-4"] = flights.all_above(orders)
+        answers[claim] = comparison.recovered(rows)
+    answers["ign-4"] = comparison.all_above(orders)
     numbers = [len(each.ignition_s) for each in results.measured.values()]
-    holds = flights.if_complete(numbers, answers)
+    holds = comparison.if_complete(numbers, answers)
     shares = recovery[recovery["outcome"] == SHARES["ignited"]]
     told = {
         name: ", ".join(f"{each:+.0f}" for each in shares.loc[shares["fraction"] == name, "error"])
-        for name in flights.PAPERS
+        for name in comparison.PAPERS
     }
     ends = f"{100 * false.low:.1f} to {100 * false.high:.1f}"
     percent = f"{100 * false.estimate:.1f} % of {false.numbers[0]} ({ends})"
@@ -244,7 +245,7 @@ gray_alone = Ignition(above_background=False)
 others = {
     "F7": (
         false_share(ignition.trace_shares(results, both, gray_alone), "unlit_up"),
-        flights.recovery(alone.measured, results.true, "ignit", generator),
+        comparison.recovery(alone.measured, results.true, "ignit", generator),
         differ(alone.measured),
     ),
     "F8": (false_share(traces, "unlit_light"), recovery, orders),

@@ -27,7 +27,8 @@ from matplotlib.cbook import boxplot_stats
 from matplotlib.collections import LineCollection
 from scipy import stats
 
-from kilnflight.experiments import campaigns, plots
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import campaigns
 from kilnflight.publication import figures, style
 from kilnflight.scores.flights import METRES, outcomes
 from kilnflight.simulated.kiln import truth

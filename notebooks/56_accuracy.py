@@ -22,9 +22,10 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import accuracy, campaigns, plots, trackers, tracking
-from kilnflight.experiments.campaigns import KEYS
-from kilnflight.experiments.tracking_scores import STAGES, tabulate
+from kilnflight.experiments import plots
+from kilnflight.experiments.flights import accuracy, campaigns, trackers, tracking
+from kilnflight.experiments.flights.campaigns import KEYS
+from kilnflight.experiments.flights.track_scores import STAGES, tabulate
 from kilnflight.publication import figures, style
 from kilnflight.scores.flights import quartiles
 from kilnflight.tracklets import tracked

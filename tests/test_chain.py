@@ -11,8 +11,8 @@ from kilnflight.camera import EQUATION_2_4, calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.differences import StoredDifferences
-from kilnflight.experiments.sources import TwinSource
+from kilnflight.experiments.flights.differences import StoredDifferences
+from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.ignition import Ignition
 from kilnflight.recording.buffer import FrameBuffer
 from kilnflight.store import paths

@@ -18,8 +18,13 @@ from kilnflight.belt.recordings import (
 )
 from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.checks import InputError
-from kilnflight.experiments import belt_2020
-from kilnflight.experiments.belt_real import compare_links, find_recordings, join_recordings, links
+from kilnflight.experiments.belt import paper_2020
+from kilnflight.experiments.belt.recorded import (
+    compare_links,
+    find_recordings,
+    join_recordings,
+    links,
+)
 from kilnflight.publication import data
 from kilnflight.tracking.filter import ConstantVelocity
 
@@ -47,7 +52,7 @@ def test_columns_become_one_row_per_particle_and_frame(tmp_path):
 
 def test_the_authors_files_hold_the_papers_particles(authors_data):
     """They end at most 15 mm before the edge, so far arrivals are extrapolated."""
-    tracks = read_dem(belt_2020.find_dem()["spheres"])
+    tracks = read_dem(paper_2020.find_dem()["spheres"])
     assert tracks.attrs["particles"] == 3713
     assert tracks["x"].between(387.0, 789.0).all()
     assert tracks["y"].between(0.0, 180.0).all()

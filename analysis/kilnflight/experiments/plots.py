@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from kilnflight.arrays import Array
 from kilnflight.detection.combination import Clusters
-from kilnflight.experiments.campaigns import CampaignKey, of_campaign
-from kilnflight.experiments.flights import Values
+from kilnflight.experiments.flights.campaigns import CampaignKey, of_campaign
+from kilnflight.experiments.flights.comparison import Values
 from kilnflight.publication.style import (
     BOXES,
     COLOURS,

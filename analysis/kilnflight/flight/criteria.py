@@ -61,7 +61,7 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     polynomials found no way back to the lance. The latest is allowed: the particle was detected
     from the exit on. (4) Polynomials that start backwards have found an exit that the particle did
     not take. Tracks without a fit are judged by their place in the picture
-    (`kilnflight.experiments.tracking_scores.from_lance`).
+    (`kilnflight.experiments.flights.track_scores.from_lance`).
     """
     known = places_mm[~np.isnan(places_mm).any(axis=1)][:FIRST_POINTS]
     if not len(known):

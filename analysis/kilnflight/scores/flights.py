@@ -75,8 +75,8 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
     Velocities are medians; "last" is the farthest metre that at least `LAST_SHARE` of the particles
     pass. Dwell times are those of complete flights. "ignited" counts all particles, "% of ignited"
     those that ignited. "penetration" is the median depth at the end, "spread" the interquartile
-    range, "landed 1 m" is 100 % minus "remaining 1 m". The names are keys of the published
-    numbers (``flight.csv``), and `kilnflight.experiments.flights.interval_of` reads them.
+    range, "landed 1 m" is 100 % minus "remaining 1 m". The names are keys of the published numbers
+    (``flight.csv``), and `kilnflight.experiments.flights.comparison.interval_of` reads them.
     """
     times, ignition_s = pd.Series(flight_values.dwell_s), pd.Series(flight_values.ignition_s)
     share, lit = remaining(flight_values)[0], ignition_s.dropna()

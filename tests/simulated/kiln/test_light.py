@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import light_fit
+from kilnflight.experiments.detection import light_fit
 from kilnflight.simulated.kiln import picture as drawing
 from kilnflight.simulated.kiln import scenes
 from kilnflight.simulated.kiln.background import PLATE, Background, Interior

@@ -25,9 +25,9 @@ SINES = 3  # of a flutter
 class Optics:
     """The way from light to grey values.
 
-    ``paper`` to ``flame_softness`` are fitted by `kilnflight.experiments.light_fit` to Otsu's row
-    and recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on`` in an
-    earlier fit; all else are assumptions.
+    ``paper`` to ``flame_softness`` are fitted by `kilnflight.experiments.detection.light_fit` to
+    Otsu's row and recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames,
+    ``share_on`` in an earlier fit; all else are assumptions.
     """
 
     wall: float = 20_000.0  # grey value of the wall at `SHUTTER_S`

@@ -102,7 +102,7 @@ def started_and_whole(
 
     The lance releases both in these frames. The first fly for ``lasting`` frames of them, the
     second end in them as well. 15 is the time of
-    `kilnflight.experiments.tracking_scores.lasting`.
+    `kilnflight.experiments.flights.track_scores.lasting`.
     """
     begin = np.asarray(starts)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz

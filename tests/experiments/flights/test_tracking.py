@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from kilnflight import tracklets
-from kilnflight.experiments import trackers, tracking
-from kilnflight.experiments import tracking_scores as scores
+from kilnflight.experiments.flights import track_scores as scores
+from kilnflight.experiments.flights import trackers, tracking
 from kilnflight.tracking.tracker import track
 
 LANCE = scores.Lance(row=500.0, col=900.0, depth_mm=6500.0)

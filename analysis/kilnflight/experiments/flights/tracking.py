@@ -18,11 +18,11 @@ import pandas as pd
 from kilnflight import tracklets
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.campaigns import LearnedSettings
-from kilnflight.experiments.detection import BACKGROUNDS, sift
-from kilnflight.experiments.differences import StoredDifferences
-from kilnflight.experiments.sources import TwinSource
-from kilnflight.experiments.tracking_scores import (
+from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
+from kilnflight.experiments.flights.campaigns import LearnedSettings
+from kilnflight.experiments.flights.differences import StoredDifferences
+from kilnflight.experiments.flights.sources import TwinSource
+from kilnflight.experiments.flights.track_scores import (
     GATE_PX,
     STAGES,
     Key,

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import ignition
-from kilnflight.experiments.accuracy import errors
+from kilnflight.experiments.flights import ignition
+from kilnflight.experiments.flights.accuracy import errors
 from kilnflight.ignition import Ignition
 from kilnflight.recording.files import open_any
 

@@ -7,8 +7,8 @@ import pandas as pd
 
 from kilnflight.belt import PredictionPhase
 from kilnflight.belt.valves import ValveBar
-from kilnflight.experiments import belt_valves
-from kilnflight.experiments.belt_valves import Entering, draw_lots
+from kilnflight.experiments.belt import lots
+from kilnflight.experiments.belt.lots import Entering, draw_lots
 from kilnflight.simulated.belt.friction import MATERIALS
 
 BAR = ValveBar()
@@ -28,7 +28,7 @@ def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
 
 def test_perfect_predictions_separate_all_on_the_belt():
     few = replace(MATERIALS["cuboids"], particles=300, feed_s=1.5)
-    exact = belt_valves.of_bodies(few(np.random.default_rng(0)), PredictionPhase())
+    exact = lots.of_bodies(few(np.random.default_rng(0)), PredictionPhase())
     true = exact.arrival[["particle", "time_s", "y"]]
     predicted, arrival, chosen = draw_lots(exact, true, 0.1, seed=0)
     shares = replace(BAR, open_s=0.0)(predicted, arrival, chosen)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import identified
+from kilnflight.experiments.flights import identified
 from kilnflight.publication import claims
 from kilnflight.simulated.kiln import scenes
 from kilnflight.simulated.kiln.laws import LAWS

@@ -8,7 +8,7 @@ import numpy as np
 
 from kilnflight.arrays import Array
 from kilnflight.checks import InputError
-from kilnflight.experiments.tracking import Window
+from kilnflight.experiments.flights.tracking import Window
 from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 
 BOX = (60, 30)  # px, rows and columns of a box for the textures; 30 = 2 w, w of Table 5.16

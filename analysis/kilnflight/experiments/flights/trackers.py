@@ -3,7 +3,7 @@
 Both limits of Eq. 4.14 are identified by the eight JSC_theta without post-processing of Table
 5.17, and by nothing else: these eight numbers then test nothing.
 
-    python -m kilnflight.experiments.trackers
+    python -m kilnflight.experiments.flights.trackers
 
 tries all `LIMITS` on the full windows and writes data/reference/tracker_limits.csv.
 """
@@ -16,9 +16,9 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.association import GNN, JPDA, Associator
-from kilnflight.experiments import campaigns, tracking
-from kilnflight.experiments import tracking_scores as scores
-from kilnflight.experiments.tracking import Tracker, Window
+from kilnflight.experiments.flights import campaigns, tracking
+from kilnflight.experiments.flights import track_scores as scores
+from kilnflight.experiments.flights.tracking import Tracker, Window
 from kilnflight.store import paths
 from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track

@@ -16,7 +16,7 @@ from kilnflight import chain
 from kilnflight.arrays import Array
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.sources import TwinSource
+from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.store.cache import CachedTable, clear_parts, make_whole
 from kilnflight.tables import DETECTIONS
 

@@ -25,9 +25,9 @@ from kilnflight.chain import Chain, DetectionRun
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
-from kilnflight.experiments import detection
-from kilnflight.experiments.detection import BACKGROUNDS, sift
-from kilnflight.experiments.sources import TwinSource
+from kilnflight.experiments.detection import labelled
+from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
+from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.flight import (
     BEHIND,
     BURNT_OUT,
@@ -118,14 +118,14 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     The threshold is in grey values, lengths are in mm; centre and direction of the cylinder's axis
     take three columns each. `settings_from_labels` reads the row by position.
     """
-    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
-    counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
+    subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
+    counts = labelled.sum_counts(labelled.compare_thresholds(subsets, scale), ["threshold"])
     best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
     threshold = float(best.max())  # of ties the highest
-    points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
+    points = labelled.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = fit_cylinder(points, seed)
     detectors = {subset.name: Combination(sift(threshold)) for subset in subsets}
-    marked, _ = detection.positions(subsets, detectors, wall)
+    marked, _ = labelled.positions(subsets, detectors, wall)
     known = marked.dropna(subset="z")
     distance = known["distance_mm"].to_numpy()
     flying = (known["label"] != 4).to_numpy()

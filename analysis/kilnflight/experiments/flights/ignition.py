@@ -6,8 +6,13 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.background.sliding_median import stack_median
-from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
-from kilnflight.experiments.flights import Array, interval_columns
+from kilnflight.experiments.flights.campaigns import (
+    CampaignKey,
+    Results,
+    of_campaign,
+    rows_by_campaign,
+)
+from kilnflight.experiments.flights.comparison import Array, interval_columns
 from kilnflight.flight import kept
 from kilnflight.flight.empty import EMPTY_FRAMES, background_gray
 from kilnflight.ignition import LEAST_POINTS, SEEN, SHARE, TOO_FEW, Ignition
@@ -29,7 +34,7 @@ def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.Dat
     results
         The campaigns and their tables.
     both
-        Measured beside true, from `kilnflight.experiments.accuracy.compare_campaigns`.
+        Measured beside true, from `kilnflight.experiments.flights.accuracy.compare_campaigns`.
     test
         Of a rise of the grey values.
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array
-from kilnflight.experiments.campaigns import KEYS, CampaignKey
+from kilnflight.experiments.flights.campaigns import KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (

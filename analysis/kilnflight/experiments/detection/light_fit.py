@@ -1,10 +1,10 @@
 """The fit of the simulation's light to what the thesis prints of brightness and size.
 
-``python -m kilnflight.experiments.light_fit`` fits for some ten minutes, prints the inputs, and
-compares them with the thesis for three seeds. `kilnflight.simulated.kiln.light.Optics` has its
-result, rounded by hand. It looks at Otsu's method alone: precision and recall by subset (Table
-5.5), recall of burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are
-overexposed (section 3.1). The background is the simulation's own without particles.
+``python -m kilnflight.experiments.detection.light_fit`` fits for some ten minutes, prints the
+inputs, and compares them with the thesis for three seeds. `kilnflight.simulated.kiln.light.Optics`
+has its result, rounded by hand. It looks at Otsu's method alone: precision and recall by subset
+(Table 5.5), recall of burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames
+that are overexposed (section 3.1). The background is the simulation's own without particles.
 """
 
 from __future__ import annotations

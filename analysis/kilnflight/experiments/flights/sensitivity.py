@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import campaigns, detection
-from kilnflight.experiments.accuracy import compare_campaigns, errors
-from kilnflight.experiments.flights import PAPERS
-from kilnflight.experiments.tracking_scores import GATE_PX
+from kilnflight.experiments.detection import labelled
+from kilnflight.experiments.flights import campaigns
+from kilnflight.experiments.flights.accuracy import compare_campaigns, errors
+from kilnflight.experiments.flights.comparison import PAPERS
+from kilnflight.experiments.flights.track_scores import GATE_PX
 from kilnflight.scores import score_tracks
 from kilnflight.tracklets import tracked
 
@@ -22,11 +23,11 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
     ignite.
     """
     settings = campaigns.settings_from_labels(scale, seed, scenario)
-    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
+    subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
     roi = subsets[0].recording.attributes.roi
-    detector = Combination(detection.sift(settings.threshold))
+    detector = Combination(labelled.sift(settings.threshold))
     methods = {"": lambda view: detector(view, roi, 0)[["row", "col"]].to_numpy()}
-    found = detection.sum_counts(detection.run(subsets, methods), ["method"])
+    found = labelled.sum_counts(labelled.run(subsets, methods), ["method"])
     results = campaigns.results(scale, seed, jobs, scenario, [(name, 4.5) for name in PAPERS])
     alphas = []
     for campaign in results.campaigns:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.experiments import belt_2016
+from kilnflight.experiments.belt import paper_2016
 from kilnflight.simulated.belt.friction import FrictionBelt
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
@@ -22,7 +22,7 @@ def test_matching_is_the_least_norm(seed):
     truth = pd.concat([path(k, *rng.uniform(0, 30, 2)) for k in range(5)])
     tracks = pd.concat([path(k, *rng.uniform(0, 30, 2)) for k in range(3)])
     tracks["x"] += rng.normal(0, 2, len(tracks))
-    for track, particle in belt_2016.match(tracks, truth).items():
+    for track, particle in paper_2016.match(tracks, truth).items():
         places = tracks.loc[tracks["particle"] == track, ["x", "y"]].to_numpy()
         norms = [
             np.linalg.norm(np.linalg.norm(particle_rows[["x", "y"]].to_numpy() - places, axis=1))
@@ -35,10 +35,10 @@ def test_deviations_by_hand():
     last = [(0, 0.5, 673.0, 90.0, 1000.0, 20.0, 0.0, 0.0)]
     last = pd.DataFrame(last, columns=BELT_LAST.names)
     arrived = pd.DataFrame([(0, 0.58, 92.0, 0.0)], columns=BELT_ARRIVAL.names)
-    late = belt_2016.deviations("Tracking", last, arrived, 773.0).iloc[0]
+    late = paper_2016.deviations("Tracking", last, arrived, 773.0).iloc[0]
     assert late["temporal_ms"] == pytest.approx(20.0)  # it came earlier than predicted
     assert late["lateral_mm"] == pytest.approx(0.0, abs=1e-9)
-    straight = belt_2016.deviations("Straight", last, arrived, 773.0).iloc[0]
+    straight = paper_2016.deviations("Straight", last, arrived, 773.0).iloc[0]
     assert straight["lateral_mm"] == -2.0
     assert np.isnan(straight["temporal_ms"])
 
@@ -54,7 +54,7 @@ def test_without_noise_constant_velocity_is_exact():
         sampling_hz=1000.0,
         steps_per_sample=1,
     )
-    table = belt_2016.noise_free(smooth(np.random.default_rng(5)))
+    table = paper_2016.noise_free(smooth(np.random.default_rng(5)))
     counts = table.groupby("approach")["particle"].nunique()
     assert counts.to_dict() == dict.fromkeys(("Sim", "Tracking", "Straight"), 6)
     moving = table[table["approach"] != "Straight"]

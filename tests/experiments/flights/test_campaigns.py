@@ -5,7 +5,7 @@ import pandas as pd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.experiments import campaigns
+from kilnflight.experiments.flights import campaigns
 from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS
 

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from kilnflight.detection.wall import Cylinder
-from kilnflight.experiments import accuracy, campaigns
-from kilnflight.experiments.accuracy import FlightTables, compare, errors
-from kilnflight.experiments.campaigns import LearnedSettings
+from kilnflight.experiments.flights import accuracy, campaigns
+from kilnflight.experiments.flights.accuracy import FlightTables, compare, errors
+from kilnflight.experiments.flights.campaigns import LearnedSettings
 
 LEARNED = LearnedSettings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 TRUE = pd.DataFrame(

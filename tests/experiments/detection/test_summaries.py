@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import detection_tables
+from kilnflight.experiments.detection import summaries
 
 
 def attempts(**true_positives):
@@ -19,12 +19,12 @@ def attempts(**true_positives):
 
 def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     table = attempts(one=(5, 5, 5), other=(8, 8, 8))
-    draws = detection_tables.resampled_rates(table, 0, draws=50)
+    draws = summaries.resampled_rates(table, 0, draws=50)
     assert {rate.shape for rate in draws.values()} == {(50, 2)}
     assert draws["f1"]["one"].to_numpy() == pytest.approx(2 * 5 / 15)
     assert draws["recall"]["other"].to_numpy() == pytest.approx(0.8)
     assert (draws["precision"] == 1).all(axis=None)
-    varied = detection_tables.resampled_rates(attempts(one=(0, 4, 9), other=(1, 5, 10)), 3)
+    varied = summaries.resampled_rates(attempts(one=(0, 4, 9), other=(1, 5, 10)), 3)
     apart = varied["recall"]["other"] - varied["recall"]["one"]
     np.testing.assert_allclose(apart, 0.1)  # the same frames for both
     assert varied["recall"]["one"].nunique() > 5
@@ -35,7 +35,7 @@ def test_particles_are_classified_by_their_distance_from_the_axis():
     marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
     thresholds = {"low": 750.0, "high": 800.0}
     more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])
-    table = detection_tables.classification_table(more, more, thresholds, None)
+    table = summaries.classification_table(more, more, thresholds, None)
     counts = table.set_index(["threshold", "subset"])
     assert counts.loc[("low", "V1"), ["tp", "fp", "fn"]].tolist() == [2, 0, 2]
     assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from kilnflight.chain import Chain
-from kilnflight.experiments.campaigns import (
+from kilnflight.experiments.flights.campaigns import (
     Campaign,
     Results,
     measure_campaigns,

@@ -3,7 +3,7 @@
 Neither is printed. Both change the F1 of SIFT and its false detections, and these two numbers
 identify them; so the row tests nothing.
 
-    python -m kilnflight.experiments.sift_row
+    python -m kilnflight.experiments.detection.sift_row
 
 tries all `EDGES` and `CLUTTER` on the 50 labelled frames, in half an hour, and writes
 data/reference/sift_row.csv, the best first.
@@ -22,8 +22,8 @@ from tqdm import tqdm
 
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import detection
-from kilnflight.experiments.detection_tables import beside_published, with_total
+from kilnflight.experiments.detection import labelled
+from kilnflight.experiments.detection.summaries import beside_published, with_total
 from kilnflight.publication import claims
 from kilnflight.simulated.kiln import truth
 from kilnflight.simulated.kiln.scene import Twin
@@ -34,7 +34,7 @@ EDGES = (10.0, 20.0, 25.0, 30.0, 35.0, 40.0, 50.0)  # r
 CLUTTER = (1500.0, 2000.0, 2500.0, 3000.0)  # mean grey value of a spot
 
 
-def with_clutter(subset: detection.Subset, gray: float) -> detection.Subset:
+def with_clutter(subset: labelled.Subset, gray: float) -> labelled.Subset:
     """Return a labelled subset with another strength of its clutter, in grey values."""
     scene = cast(Twin, subset.recording).scene
     twin = Twin(replace(scene, interior=replace(scene.interior, clutter_gray=gray)))
@@ -46,7 +46,7 @@ def with_clutter(subset: detection.Subset, gray: float) -> detection.Subset:
     )
 
 
-def edge_table(subsets: list[detection.Subset], scale: str, edges: Iterable[float]) -> pd.DataFrame:
+def edge_table(subsets: list[labelled.Subset], scale: str, edges: Iterable[float]) -> pd.DataFrame:
     """Return Table 5.6 of SIFT for each r of Eq. 2.28, beside print.
 
     Its total row identifies r, and with it what the simulation holds of faint false particles.
@@ -60,7 +60,7 @@ def edge_table(subsets: list[detection.Subset], scale: str, edges: Iterable[floa
     """
     parts = []
     for edge in edges:
-        tried = detection.compare_thresholds(subsets, scale, Combination(DoG(edge=edge)))
+        tried = labelled.compare_thresholds(subsets, scale, Combination(DoG(edge=edge)))
         parts.append(tried[tried["chosen"]].assign(edge=edge))
     table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
@@ -72,7 +72,7 @@ def edge_table(subsets: list[detection.Subset], scale: str, edges: Iterable[floa
 
 
 def identify(
-    subsets: Sequence[detection.Subset], scale: str, edges: Sequence[float], grays: Sequence[float]
+    subsets: Sequence[labelled.Subset], scale: str, edges: Sequence[float], grays: Sequence[float]
 ) -> pd.DataFrame:
     """Return the total row of Table 5.6 for each r and clutter, the best first.
 
@@ -88,7 +88,7 @@ def identify(
 
 def main() -> None:
     """Identify r and clutter on the simulation that is shown; print all pairs and keep them."""
-    table = identify(detection.labelled_subsets("full"), "full", EDGES, CLUTTER)
+    table = identify(labelled.labelled_subsets("full"), "full", EDGES, CLUTTER)
     table = table[["edge", "clutter_gray", "tp", "fp", "fn", "f1", "misfit"]].round(4)
     write_whole(paths.reference() / "sift_row.csv", table.to_csv(index=False).encode())
     print(table.to_string())

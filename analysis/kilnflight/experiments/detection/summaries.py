@@ -12,10 +12,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.detection import Polygon
-from kilnflight.experiments.detection import (
-    COUNTS,
-    sum_counts,
-)
+from kilnflight.experiments.detection.labelled import COUNTS, sum_counts
 from kilnflight.publication import claims
 from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.intervals import DRAWS
@@ -48,8 +45,8 @@ def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Return the recall of each class of particles (as in Figs 5.5 and 5.6).
 
-    Counts of ``table`` (from `kilnflight.experiments.detection.run`) are summed over frames;
-    columns ``by`` stay apart.
+    Counts of ``table`` (from `kilnflight.experiments.detection.labelled.run`) are summed over
+    frames; columns ``by`` stay apart.
 
     Returns
     -------

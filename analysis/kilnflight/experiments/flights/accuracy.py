@@ -15,10 +15,16 @@ import pandas as pd
 
 from kilnflight import chain, regression
 from kilnflight.chain import Chain
-from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import KEYS, Campaign, counted_flights, of_campaign, stack
-from kilnflight.experiments.flights import interval_columns, median_of
-from kilnflight.experiments.tracking import true_particles
+from kilnflight.experiments.flights import campaigns
+from kilnflight.experiments.flights.campaigns import (
+    KEYS,
+    Campaign,
+    counted_flights,
+    of_campaign,
+    stack,
+)
+from kilnflight.experiments.flights.comparison import interval_columns, median_of
+from kilnflight.experiments.flights.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import Three
 from kilnflight.scores import intervals

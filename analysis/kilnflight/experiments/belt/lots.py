@@ -29,7 +29,7 @@ from kilnflight.belt.models import (
 )
 from kilnflight.belt.online import predict_arrivals
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.experiments.belt_2016 import PictureTracks, followed_particles
+from kilnflight.experiments.belt.paper_2016 import PictureTracks, followed_particles
 
 Models = Sequence[tuple[str, ArrivalModel, LateralModel]]
 
