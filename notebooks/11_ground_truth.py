@@ -20,14 +20,14 @@ seed = 0  # of all scenes
 frames = 0  # labelled frames per subset; 0: 2, 10 or 10 by scale
 
 # %%
+import cv2
 import numpy as np
 import pandas as pd
 
-from kilnflight import camera
-from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import k_distances
 from kilnflight.experiments.detection import labelled
 from kilnflight.publication import claims, figures, style
+from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.scores.intervals import DRAWS
 from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.simulated.kiln.feeding import LABELLED
@@ -194,7 +194,12 @@ corners = []  # of a strip so narrow that the round wall is flat in it
 for s, x in ((along[0], -0.05), (along[0], 0.05), (along[-1], 0.05), (along[-1], -0.05)):
     spot = place.to_camera(np.array([s, x, -np.sqrt(0.7**2 - x**2)]))
     corners.append(tuple(float(v) for v in place.project(spot)))
-profile = camera.wall_profile(infrared, tuple(corners), rows=len(along))
+columns = 100  # of the rectangle that the strip becomes
+target = [(0, 0), (columns - 1, 0), (columns - 1, len(along) - 1), (0, len(along) - 1)]
+trapezoid = np.array(corners, np.float32)[:, ::-1].copy()  # column, row as OpenCV takes them
+transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, np.float32))
+equalised = cv2.warpPerspective(infrared.astype(np.float32), transform, (columns, len(along)))
+profile = equalised.astype(np.float64).mean(axis=1)
 put_in = 1423.0 - 9.0 * (along - 1.0) ** 2
 
 # %% tags=["hide-input"]

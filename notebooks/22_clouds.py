@@ -27,7 +27,6 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.background import TwoFrame
-from kilnflight.camera import calibrated_cloud
 from kilnflight.detection import (
     DBSCAN,
     MorphologicalClustering,
@@ -39,6 +38,7 @@ from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.experiments import plots
 from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.simulated.kiln.scene import Twin
 
 # %%

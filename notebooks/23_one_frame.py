@@ -23,11 +23,11 @@ frames = 0  # labelled frames per subset that choose the threshold; 0: 1, 1 or 1
 import numpy as np
 import pandas as pd
 
-from kilnflight import camera
 from kilnflight.detection import combination
 from kilnflight.detection.combination import potential_particles, take_clusters
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
+from kilnflight.detection.region import inside
 from kilnflight.experiments import plots
 from kilnflight.experiments.detection import labelled
 from kilnflight.publication import choices, figures, style
@@ -75,10 +75,10 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 labels = combination.second_pass(view.xyz, *labelled.PASSES["DBSCAN"])
 keypoints = labelled.sift(threshold)(view.foreground)
 keypoints = combination.no_larger(keypoints)
-keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
+keypoints = keypoints[inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = combination.sort_clusters(view.pixels, view.xyz, labels)
 clusters = take_clusters(clusters, combination.widths(clusters) <= combination.LARGEST_PX)
-clusters = take_clusters(clusters, camera.inside(known.roi, *combination.centers(clusters).T))
+clusters = take_clusters(clusters, inside(known.roi, *combination.centers(clusters).T))
 cases = list(potential_particles(keypoints, clusters))
 number = len(clusters.start) - 1
 print(f"{len(keypoints)} keypoints, {number} clusters: {len(cases)} potential particles")

@@ -1,10 +1,9 @@
-"""Depth calibration, region of interest and wall profile against plain definitions."""
+"""Depth calibration against plain definitions."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.path import Path
 
 from kilnflight.camera import (
     EQUATION_2_4,
@@ -14,10 +13,8 @@ from kilnflight.camera import (
     calibrate_points,
     captured_depths,
     fit_depth_segments,
-    inside,
     invert_depth,
     read_calibration,
-    wall_profile,
 )
 from kilnflight.publication import claims
 
@@ -102,38 +99,3 @@ def test_a_continuous_fit_is_the_best_without_jumps(seed):
     powers = [*np.vander(captured.ravel() / 1000, 3).T, *(e**k for e in excess for k in (1, 2))]
     best = np.linalg.lstsq(np.transpose(powers), true.ravel(), rcond=None)[1]
     assert np.sum((fitted(captured) - true) ** 2) == pytest.approx(best[0], rel=1e-6)
-
-
-HOOK = [(0, 0), (0, 10), (10, 10), (10, 6), (4, 6), (4, 0)]  # not convex
-
-
-def test_a_corner_is_cut_out_and_the_border_is_inside():
-    row, col = [2, 7, 7, 4, 10, 0, 11], [3, 8, 3, 3, 8, 0, 8]
-    assert inside(HOOK, row, col).tolist() == [True, True, False, True, True, True, False]
-    for row, col, shape in ((3, np.arange(5), (5,)), ([], [], (0,)), (1, 1, ())):
-        assert inside(HOOK, row, col).shape == shape
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_inside_is_the_polygon_of_matplotlib(seed):
-    rng = np.random.default_rng(seed)
-    angles = np.sort(rng.uniform(0, 2 * np.pi, 7))  # a star, not convex, without crossings
-    corners = np.stack([np.sin(angles), np.cos(angles)], 1) * rng.uniform(3, 20, (7, 1))
-    points = rng.uniform(-20, 20, (200, 2))
-    within = inside(corners, *points.T)
-    np.testing.assert_array_equal(within, Path(corners).contains_points(points))
-    np.testing.assert_array_equal(inside(corners[::-1], *points.T), within)
-
-
-def test_a_strip_in_perspective_gives_an_even_profile():
-    """Equal steps along the floor: a temperature linear along it stays linear."""
-    focal, middle, height, near, far = 300.0, 100.0, 0.7, 1.0, 8.0
-    row = np.indices((400, 400), dtype=float)[0]
-    depth = np.where(row > middle, focal * height / np.maximum(row - middle, 1e-6), far)
-    corners = [
-        (middle + focal * height / z, 200 + side * focal * 0.4 / z)
-        for z, side in ((far, -1), (far, 1), (near, 1), (near, -1))
-    ]
-    profile = wall_profile(1000.0 + 50.0 * np.clip(depth, near, far), corners, rows=141)
-    expected = 1000.0 + 50.0 * np.linspace(far, near, 141)
-    np.testing.assert_allclose(profile[3:-3], expected[3:-3], atol=3.0)

@@ -1,13 +1,9 @@
-"""Calibrations of cameras: depth, region of interest, wall temperature.
+"""Calibration of the plenoptic camera's depth.
 
 The plenoptic camera reports a captured depth. A test plate at 1, 2, ..., 11 m showed that
 it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
 depth with one quadratic per range (section 2.1.5, thesis). It is that camera's: a recording
 says which calibration its depths need, and none is applied unasked. Depths are in mm.
-
-In an infrared picture a strip of the wall is a trapezoid, narrow where it is far. A
-projective transform makes a rectangle of it, and the mean of each row is the profile along
-the kiln (Fig. 2.4, thesis).
 """
 
 from __future__ import annotations
@@ -16,13 +12,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
-from kilnflight.arrays import Array, Flags, Index
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.arrays import Array, Index
+from kilnflight.checks import InputError, check_finite
 
 
 @dataclass(frozen=True)
@@ -306,94 +301,3 @@ def calibrate_points(
             f"{depth[true.argmin()]:.0f} mm. Each camera has its own: state the one of this camera."
         )
     return points * (true / depth)[:, None]
-
-
-def calibrated_cloud(recording: Any, t: int) -> Array:
-    """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
-    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
-
-
-def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
-    """Return a frame for each number, and the step of the numbers.
-
-    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
-    """
-    each, place = np.unique(numbers, return_inverse=True)
-    steps = np.diff(each) if len(each) > 1 else np.ones(1)
-    # of unequal steps the middle one, as time stamps vary
-    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
-    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
-    return each[place].astype(int).tolist(), step
-
-
-def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
-    """Return whether each pixel lies in a polygon, such as the region of interest.
-
-    The result has the shape of ``row`` and ``col``; one of them may be a number.
-
-    Parameters
-    ----------
-    polygon
-        (n, 2) row, col of its corners in px and in order, such as
-        `kilnflight.recording.frames.Attributes.roi`; the last is joined to the first.
-    row, col
-        Places in px, whole or not.
-
-    Raises
-    ------
-    InputError
-        If the polygon has fewer than three different corners or no extent, or a number is
-        not finite.
-
-    Notes
-    -----
-    The thesis excludes "the particles outside the polygon", so its border counts as inside.
-    A polygon that crosses itself is filled by the even-odd rule.
-
-    Examples
-    --------
-    >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
-    [True, False, True]
-    """
-    corners = check_finite(polygon, "polygon", (None, 2))
-    if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
-        raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
-    r, c = check_finite(row, "row"), check_finite(col, "col")
-    check_shape(c, r.shape if r.ndim and c.ndim else c.shape, "col")
-    contour = corners.astype(np.float32)
-    places = np.broadcast(r, c)
-    side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
-    return np.greater_equal(side, 0).reshape(places.shape)
-
-
-def wall_profile(picture: npt.ArrayLike, corners: npt.ArrayLike, rows: int = 200) -> Array:
-    """Return the mean of each row of an equalised trapezoid, (rows,) (Fig. 2.4).
-
-    It is the profile of the wall along the kiln, the far end first. Rows are evenly spaced on the
-    wall if the trapezoid is a strip of constant width seen in perspective.
-
-    Parameters
-    ----------
-    picture
-        (height, width) values of the infrared camera, for example temperatures.
-    corners
-        (4, 2) row, col in px of the trapezoid: far left, far right, near right, near left.
-    rows
-        Number of rows of the rectangle that the trapezoid becomes, by linear interpolation.
-
-    Raises
-    ------
-    InputError
-        If the corners make no convex area in this order, or one lies outside the picture.
-    """
-    values = check_finite(picture, "picture", (None, None)).astype(np.float32)
-    trapezoid = check_finite(corners, "corners", (4, 2)).astype(np.float32)
-    trapezoid = trapezoid[:, ::-1].copy()  # column, row as OpenCV takes them
-    within = (trapezoid >= 0) & (trapezoid <= np.array(values.shape[::-1]) - 1)
-    if not (within.all() and cv2.isContourConvex(trapezoid) and cv2.contourArea(trapezoid)):
-        raise InputError("corners: they make no convex area within the picture in this order.")
-    columns = 100  # of the rectangle, enough for a narrow strip
-    target = [(0, 0), (columns - 1, 0), (columns - 1, rows - 1), (0, rows - 1)]
-    transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, dtype=np.float32))
-    equalised = cv2.warpPerspective(values, transform, (columns, rows))
-    return np.asarray(equalised.astype(np.float64).mean(axis=1))

@@ -6,8 +6,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from tests.definitions.sift import keypoints
 
-from kilnflight.camera import inside
 from kilnflight.detection import DoG
+from kilnflight.detection.region import inside
 
 CORNER = st.tuples(st.floats(-40.0, 220.0), st.floats(-40.0, 280.0))
 SEED = st.integers(0, 1000)

@@ -16,6 +16,7 @@ from kilnflight.belt.recordings import estimate_velocity
 from kilnflight.belt.tracker import BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.detection import wall
+from kilnflight.detection.region import inside
 from kilnflight.ignition import Ignition
 from kilnflight.recording.files import open_any
 from kilnflight.recording.store import write_recording
@@ -104,8 +105,7 @@ STEPS_AND_INPUT = {
     "invert_depth": (camera.invert_depth, {"true_mm": MANY[:3] + 4000}, "*:deeper"),
     "fit_depth": (camera.fit_depth_segments, {"captured_mm": 300 * MANY + 500, "true_mm": 310 * MANY + 450}, ""),
     "from_table": (camera.DepthCalibration.from_table, {"pairs": np.array([[1000.0, 1100.0], [5000.0, 5200.0]])}, ""),
-    "inside": (camera.inside, {"polygon": np.array([[0.0, 0], [0, 9], [9, 0]]), "row": MANY, "col": MANY}, "row:deeper col:deeper"),
-    "wall_profile": (camera.wall_profile, {"picture": blobs([(9, 9)]), "corners": np.array([[5.0, 5], [5, 50], [40, 60], [40, 3]])}, ""),
+    "inside": (inside, {"polygon": np.array([[0.0, 0], [0, 9], [9, 0]]), "row": MANY, "col": MANY}, "row:deeper col:deeper"),
     "fit_cylinder": (wall.fit_cylinder, {"points_mm": PIPE}, ""),
     "distance": (partial(wall.distance_to_axis, cylinder=KILN), {"points_mm": PIPE}, ""),
     "InAir": (partial(wall.InAir(), cylinder=KILN), {"points_mm": PIPE}, ""),

@@ -11,11 +11,11 @@ import pytest
 import scipy.io
 import tifffile
 
-from kilnflight.camera import calibrated_cloud
 from kilnflight.checks import InputError
 from kilnflight.film.report import summarise_recording
 from kilnflight.recording import files as module
 from kilnflight.recording.files import open_any
+from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.recording.store import write_recording
 
 FRAMES = (8, 9, 10, 11)

@@ -31,10 +31,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers, Single
-from kilnflight.camera import inside
 from kilnflight.checks import check_number
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
+from kilnflight.detection.region import inside
 from kilnflight.tables import DETECTIONS
 
 MARGIN_PX = 3  # widens every area, so that its border shows what surrounds the particle; ours

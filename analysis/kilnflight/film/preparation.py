@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight import camera, chain
+from kilnflight import chain
 from kilnflight.arrays import Array, Single
 from kilnflight.background import BackgroundModel
 from kilnflight.chain import Vector
@@ -26,7 +26,7 @@ from kilnflight.film.motion import more_rests, shaken_px
 from kilnflight.film.noise import block_noise, pixel_noise
 from kilnflight.film.settings import BACKGROUNDS, Options
 from kilnflight.recording.files import WHITE
-from kilnflight.recording.frames import Attributes, Frame, Gray, Recording
+from kilnflight.recording.frames import Attributes, Frame, Gray, Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
 
@@ -268,7 +268,7 @@ def fitted_wall(recording: Recording, frames: Sequence[int]) -> Cylinder:
     Sections 3.1 and 3.2 of the thesis. Together the clouds make a still wall denser than what
     flies.
     """
-    points = np.concatenate([camera.calibrated_cloud(recording, t) for t in frames])
+    points = np.concatenate([calibrated_cloud(recording, t) for t in frames])
     labels = DBSCAN(eps=50.0, min_points=10)(points)  # wall pass, sec. 5.1.3
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from kilnflight import camera, chain, tracking
+from kilnflight import chain, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.chain import CHAIN_STEPS
 from kilnflight.checks import InputError, check_columns, check_whole
@@ -21,7 +21,7 @@ from kilnflight.film.preparation import choose, prepare
 from kilnflight.film.report import Tables, aligned, summary
 from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
-from kilnflight.recording.frames import Recording
+from kilnflight.recording.frames import Recording, count_frames
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
 from kilnflight.recording.track_files import csv_of
 from kilnflight.store.cache import clear_parts, locked, write_whole
@@ -81,7 +81,7 @@ def track_detections(
         As `kilnflight.tracking.track`.
     """
     check_columns(table := with_pixels(detections), ["frame"], "detections")
-    frames, step = camera.count_frames(check_whole(table["frame"], "detections: column frame"))
+    frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
     if step != 1:
         warnings.warn(f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])

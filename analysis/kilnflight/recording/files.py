@@ -78,9 +78,15 @@ import pandas as pd
 import scipy.io
 import tifffile
 
-from kilnflight.camera import count_frames
 from kilnflight.checks import InputError, check_columns, check_shape, real_numbers
-from kilnflight.recording.frames import Attributes, Frame, Gray, check_frame, check_position
+from kilnflight.recording.frames import (
+    Attributes,
+    Frame,
+    Gray,
+    check_frame,
+    check_position,
+    count_frames,
+)
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.recording.track_files import read_csv
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Picture, Single
+from kilnflight.arrays import Array, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number, check_shape
 
@@ -188,3 +188,21 @@ class Source(Protocol):
 
     def recording(self) -> Recording:
         """Return the recording."""
+
+
+def calibrated_cloud(recording: Recording, t: int) -> Array:
+    """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
+    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
+
+
+def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
+    """Return a frame for each number, and the step of the numbers.
+
+    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
+    """
+    each, place = np.unique(numbers, return_inverse=True)
+    steps = np.diff(each) if len(each) > 1 else np.ones(1)
+    # of unequal steps the middle one, as time stamps vary
+    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
+    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    return each[place].astype(int).tolist(), step

@@ -21,8 +21,8 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers
-from kilnflight.camera import inside
 from kilnflight.checks import check_finite, check_number, check_shape
+from kilnflight.detection.region import inside
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
 NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 calls it

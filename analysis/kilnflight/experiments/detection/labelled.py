@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight import camera, chain
+from kilnflight import chain
 from kilnflight.arrays import Array, Index
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
@@ -41,7 +41,7 @@ from kilnflight.detection.combination import (
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.detection.sift import Polygon
 from kilnflight.detection.wall import Cylinder, distance_to_axis
-from kilnflight.recording.frames import Recording
+from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, particle_centroids
 from kilnflight.simulated.kiln import scenes, truth
@@ -314,7 +314,7 @@ def wall_points(recording: Recording, frame: int) -> Array:
 
     These are the largest cluster of DBSCAN's first pass in one frame, after depth calibration.
     """
-    points = camera.calibrated_cloud(recording, frame)
+    points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 

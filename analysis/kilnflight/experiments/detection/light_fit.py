@@ -18,9 +18,9 @@ import pandas as pd
 from scipy.optimize import minimize
 
 from kilnflight.arrays import Single
-from kilnflight.camera import inside
 from kilnflight.detection import Otsu
 from kilnflight.detection.otsu import flame_mask
+from kilnflight.detection.region import inside
 from kilnflight.publication import claims
 from kilnflight.scores import score_detections
 from kilnflight.simulated.kiln import scenes

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array
-from kilnflight.camera import inside
+from kilnflight.detection.region import inside
 from kilnflight.detection.wall import crossing
 from kilnflight.flight import slices
 from kilnflight.regression import fits, regress_all

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Array, Index
-from kilnflight.camera import inside
+from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS, find_fraction
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly

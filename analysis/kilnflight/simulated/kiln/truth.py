@@ -15,8 +15,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.arrays import Array, Single
-from kilnflight.camera import inside
 from kilnflight.checks import InputError
+from kilnflight.detection.region import inside
 from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.laws import BURNT_OUT, LANDED, Flights

@@ -1,0 +1,50 @@
+"""The region of interest, a polygon in the picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.arrays import Flags
+from kilnflight.checks import InputError, check_finite, check_shape
+
+
+def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
+    """Return whether each pixel lies in a polygon, such as the region of interest.
+
+    The result has the shape of ``row`` and ``col``; one of them may be a number.
+
+    Parameters
+    ----------
+    polygon
+        (n, 2) row, col of its corners in px and in order, such as
+        `kilnflight.recording.frames.Attributes.roi`; the last is joined to the first.
+    row, col
+        Places in px, whole or not.
+
+    Raises
+    ------
+    InputError
+        If the polygon has fewer than three different corners or no extent, or a number is
+        not finite.
+
+    Notes
+    -----
+    The thesis excludes "the particles outside the polygon", so its border counts as inside.
+    A polygon that crosses itself is filled by the even-odd rule.
+
+    Examples
+    --------
+    >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
+    [True, False, True]
+    """
+    corners = check_finite(polygon, "polygon", (None, 2))
+    if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
+        raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
+    r, c = check_finite(row, "row"), check_finite(col, "col")
+    check_shape(c, r.shape if r.ndim and c.ndim else c.shape, "col")
+    contour = corners.astype(np.float32)
+    places = np.broadcast(r, c)
+    side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
+    return np.greater_equal(side, 0).reshape(places.shape)
