@@ -1,9 +1,9 @@
 """The sliding median at full resolution against numpy.
 
-The stack is made on demand: a random walk of every pixel, shifted and drifting. Our time
-per frame is that of a run over so many consecutive frames, divided by their number, with
-reading and subtraction; numpy's is one median of 150 frames that already lie in memory,
-without either.
+The stack is made on demand: a random walk of every pixel, shifted and drifting. Our
+time per frame is that of a run over so many consecutive frames, divided by their
+number, with reading and subtraction; numpy's is one median of 150 frames that already
+lie in memory, without either.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class Walk:
 
 def rows() -> list[Row]:
     """Return the median of 64 frames against numpy's of one; the results are equal."""
-    stack, model, wanted = Walk(300, FULL), Median(), range(100, 164)
+    stack = Walk(300, FULL)
+    model = Median()
+    wanted = range(100, 164)
     around = np.stack([stack[t] for t in (*range(25, 100), *range(101, 176))])
     expected = np.maximum(stack[100] - np.median(around, axis=0), 0)
     np.testing.assert_array_equal(next(model(stack, [100])), expected)

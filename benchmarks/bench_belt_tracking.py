@@ -1,8 +1,10 @@
-"""The belt's tracker with 100 particles in view, without and with pictures, against peers.
+"""The belt's tracker with 100 particles in view, without and with pictures, against
+peers.
 
-Without pictures: the same tracker written with scipy, a filterpy object per track. With pictures:
-finding particles and tracking them, rendering excluded, against scipy.ndimage and that tracker.
-Links are checked before anything is timed: against the truth, with pictures against each other.
+Without pictures: the same tracker written with scipy, a filterpy object per track. With
+pictures: finding particles and tracking them, rendering excluded, against scipy.ndimage
+and that tracker. Links are checked before anything is timed: against the truth, with
+pictures against each other.
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ def bodies(frames: int, rate: float = 1 / BELT_FRAME_S) -> pd.DataFrame:
     frame = np.ceil(start)[:, None] + np.arange(int(life) + 12)
     x = 388.0 + (frame - start[:, None]) * VELOCITY / rate
     table = pd.DataFrame({"frame": frame.ravel().astype(int), "x": x.ravel()})
-    table["y"], table["truth"] = np.repeat(y, x.shape[1]), np.repeat(np.arange(count), x.shape[1])
+    table["y"] = np.repeat(y, x.shape[1])
+    table["truth"] = np.repeat(np.arange(count), x.shape[1])
     table = table[(table["frame"] >= 0) & (table["frame"] < frames)]
     return table.sort_values(["frame", "x"], ignore_index=True)
 
@@ -72,24 +75,34 @@ def with_ours(table: pd.DataFrame) -> np.ndarray:
 
 def with_scipy(table: pd.DataFrame) -> np.ndarray:
     """Return the same by scipy's assignment of the whole matrix and filterpy objects."""
-    looks, missed = Appearance(), MISSED
+    looks = Appearance()
+    missed = MISSED
     tracks: list[tuple[int, KalmanFilter, int]] = []
-    result, names = np.full(len(table), -1), 0
+    result = np.full(len(table), -1)
+    names = 0
     for _, rows in table.groupby("frame").indices.items():
         seen = table[["x", "y"]].to_numpy()[rows]
         new = looks.new(seen)
-        n, m = len(tracks), len(seen)
+        n = len(tracks)
+        m = len(seen)
         whole = np.zeros((n + m, m + n))
-        whole[n:, :m], whole[:n, m:] = 1e9, 1e9
+        whole[n:, :m] = 1e9
+        whole[:n, m:] = 1e9
         whole[n + np.arange(m), np.arange(m)] = -np.log(new)
         for i, (_, one, _) in enumerate(tracks):
             one.predict()
             s = one.H @ one.P @ one.H.T + one.R
             expected = (one.H @ one.x)[None]
             square = cdist(expected, seen, "mahalanobis", VI=np.linalg.inv(s))[0] ** 2
-            cost = square / 2 + np.log(2 * np.pi * np.sqrt(np.linalg.det(s))) - np.log(1 - missed)
+            cost = (
+                square / 2
+                + np.log(2 * np.pi * np.sqrt(np.linalg.det(s)))
+                - np.log(1 - missed)
+            )
             whole[i, :m] = np.where(square < 16, cost, 1e9)
-            whole[i, m + i] = -np.log(looks.unobserved_likelihood(expected, s[None])[0][0])
+            whole[i, m + i] = -np.log(
+                looks.unobserved_likelihood(expected, s[None])[0][0]
+            )
         row, column = linear_sum_assignment(whole)
         takes = dict(zip(row.tolist(), column.tolist(), strict=True))
         kept = []
@@ -111,8 +124,10 @@ def _filter(place: np.ndarray) -> KalmanFilter:
     one = KalmanFilter(dim_x=4, dim_z=2)
     one.x, one.P = MOTION.initial()
     one.x[:2] = place
-    one.F, one.Q = MOTION.transition(BELT_FRAME_S), MOTION.process_noise(BELT_FRAME_S)
-    one.H, one.R = np.eye(2, 4), MOTION.measurement_noise()
+    one.F = MOTION.transition(BELT_FRAME_S)
+    one.Q = MOTION.process_noise(BELT_FRAME_S)
+    one.H = np.eye(2, 4)
+    one.R = MOTION.measurement_noise()
     return one
 
 
@@ -131,8 +146,11 @@ def with_pictures(frames: int = 30) -> Row:
     truth["time_s"] = truth["frame"] * BELT_FRAME_S
     recording = Pictures(truth, BULKS["spheres"], 0)
     pictures = list(recording.frames(range(frames)))
-    background = average(replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0]))
-    calibration, spots = calibrate_camera(find_corners(background)), Spots()
+    background = average(
+        replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0])
+    )
+    calibration = calibrate_camera(find_corners(background))
+    spots = Spots()
     measure = MeasureSpots(background, spots, calibration)
 
     def by_scipy() -> pd.DataFrame:
@@ -142,7 +160,9 @@ def with_pictures(frames: int = 30) -> Row:
             labels, count = ndimage.label(mask, np.ones((3, 3)))
             index = np.arange(1, count + 1)
             area = ndimage.sum_labels(mask, labels, index)
-            places = np.array(ndimage.center_of_mass(mask, labels, index)).reshape(-1, 2)
+            places = np.array(ndimage.center_of_mass(mask, labels, index)).reshape(
+                -1, 2
+            )
             places = calibration.millimetres(places[area >= LEAST_PX])
             parts.append(pd.DataFrame(places, columns=["x", "y"]).assign(frame=frame))
         every = pd.concat(parts, ignore_index=True)
@@ -154,7 +174,12 @@ def with_pictures(frames: int = 30) -> Row:
     both = [one[order].sort_values(order).to_numpy() for one in (ours, by_scipy())]
     np.testing.assert_allclose(*both)
     check_links(ours.assign(truth=with_scipy(ours)), with_ours(ours), "with pictures")
-    what = ("belt pictures to tracks, 100 in view", "frames", frames, "scipy.ndimage, filterpy")
+    what = (
+        "belt pictures to tracks, 100 in view",
+        "frames",
+        frames,
+        "scipy.ndimage, filterpy",
+    )
     return compare(
         what,
         lambda: with_ours(measure.table(pictures)),

@@ -13,10 +13,16 @@ from measure import Row, compare
 from tests.definitions import clusters
 
 from kilnflight.camera import calibrate_depth
-from kilnflight.detection import DBSCAN, Clusterer, MorphologicalClustering, QuasiClusterCenters
+from kilnflight.detection import (
+    DBSCAN,
+    Clusterer,
+    MorphologicalClustering,
+    QuasiClusterCenters,
+)
 from kilnflight.simulated.kiln.scenes import open_scene
 
-WALL, PARTICLES = DBSCAN(50.0, 10), DBSCAN(15.0, 10)  # of the two passes, sec. 5.1.3
+WALL = DBSCAN(50.0, 10)
+PARTICLES = DBSCAN(15.0, 10)  # of the two passes, sec. 5.1.3
 
 
 def cloud() -> np.ndarray:
@@ -40,10 +46,14 @@ def plain_dbscan(eps: float, points: np.ndarray) -> np.ndarray:
     return sklearn.cluster.DBSCAN(eps=eps, min_samples=10).fit(points).labels_
 
 
-def against(step: str, ours: Clusterer, peer: Clusterer, name: str, points: np.ndarray) -> Row:
+def against(
+    step: str, ours: Clusterer, peer: Clusterer, name: str, points: np.ndarray
+) -> Row:
     """Return the comparison, the labels checked to be equal."""
     np.testing.assert_array_equal(ours(points), peer(points))
-    return compare((step, "points", len(points), name), lambda: ours(points), lambda: peer(points))
+    return compare(
+        (step, "points", len(points), name), lambda: ours(points), lambda: peer(points)
+    )
 
 
 def rows() -> list[Row]:
@@ -60,8 +70,14 @@ def rows() -> list[Row]:
     ]
     plain = partial(clusters.morphology, grid=400)
     name = "morphological clustering, R 400"
-    found.append(against(name, MorphologicalClustering(400), plain, "definition in scipy", points))
+    found.append(
+        against(
+            name, MorphologicalClustering(400), plain, "definition in scipy", points
+        )
+    )
     quasi = QuasiClusterCenters()
     sets = partial(clusters.quasi_centers, k=quasi.k, alpha=quasi.alpha)
-    found.append(against("quasi-cluster centres", quasi, sets, "definition in sets", points))
+    found.append(
+        against("quasi-cluster centres", quasi, sets, "definition in sets", points)
+    )
     return found

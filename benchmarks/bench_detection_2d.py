@@ -30,12 +30,15 @@ def eight_bits(image: np.ndarray) -> np.ndarray:
 
 
 def sift(image: np.ndarray, threshold: float, sigma: float = 1.6) -> np.ndarray:
-    """Return row and col of OpenCV's keypoints; ``threshold`` in grey values of 16 bits.
+    """Return row and col of OpenCV's keypoints; ``threshold`` in grey values of 16
+    bits.
 
     ``sigma`` is the first blur of an octave, in px.
     """
     contrast = 3 * threshold / 65535  # it divides by 3 layers and by 255
-    detector = cv2.SIFT_create(contrastThreshold=contrast, sigma=sigma, enable_precise_upscale=True)
+    detector = cv2.SIFT_create(
+        contrastThreshold=contrast, sigma=sigma, enable_precise_upscale=True
+    )
     return np.array([point.pt[::-1] for point in detector.detect(image)]).reshape(-1, 2)
 
 
@@ -45,19 +48,22 @@ def doubled(image: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray
     That is what OpenCV's SIFT does.
     """
     size = 2 * np.array(image.shape[::-1]) - 1
-    half, flags = np.array([[0.5, 0, 0], [0, 0.5, 0]]), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    half = np.array([[0.5, 0, 0], [0, 0.5, 0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     fine = cv2.warpAffine(image.astype(np.float32), half, size.tolist(), flags=flags)
     detect = DoG(threshold, camera_blur=1.0)
     return detect(fine)[:, :2] / 2, detect(-fine)[:, :2] / 2
 
 
 def check_keypoints(image: np.ndarray, threshold: float) -> None:
-    """Check on the same 8 bits that keypoints are OpenCV's and OpenCV's ours, but for the border.
+    """Check on the same 8 bits that keypoints are OpenCV's and OpenCV's ours, but for
+    the border.
 
-    OpenCV drops a keypoint whose fit lies over half a sample away, ours over one. So those count,
-    too, that it finds when its octaves begin half a layer later.
+    OpenCV drops a keypoint whose fit lies over half a sample away, ours over one. So
+    those count, too, that it finds when its octaves begin half a layer later.
     """
-    eight, last = eight_bits(image), np.array(image.shape) - 10
+    eight = eight_bits(image)
+    last = np.array(image.shape) - 10
     found = (
         sift(eight, threshold),
         sift(eight, threshold, sigma=1.6 * 2 ** (1 / 6)),
@@ -66,7 +72,8 @@ def check_keypoints(image: np.ndarray, threshold: float) -> None:
     theirs, later, bright, dark = (
         each[((each > 10) & (each < last)).all(axis=1)] for each in found
     )
-    known, ours = KDTree(np.vstack([theirs, later])), np.vstack([bright, dark])
+    known = KDTree(np.vstack([theirs, later]))
+    ours = np.vstack([bright, dark])
     shares = {
         "OpenCV's that are ours": near(KDTree(ours), theirs),
         "ours that are OpenCV's": near(known, ours),
@@ -85,7 +92,8 @@ def near(known: KDTree, points: np.ndarray) -> float:
 def numpy_threshold(image: np.ndarray) -> int:
     """Return Otsu's threshold by numpy over all 65,536 levels."""
     p = np.bincount(image.ravel(), minlength=65536) / image.size
-    omega, mu = np.cumsum(p)[:-1], np.cumsum(p * np.arange(65536))
+    omega = np.cumsum(p)[:-1]
+    mu = np.cumsum(p * np.arange(65536))
     with np.errstate(divide="ignore", invalid="ignore"):
         eta = (mu[-1] * omega - mu[:-1]) ** 2 / (omega * (1 - omega))
     return int(np.nanargmax(np.where(np.isfinite(eta), eta, -1)))
@@ -112,14 +120,18 @@ def rows() -> list[Row]:
 
 
 def _rows(image: np.ndarray) -> list[Row]:
-    eight, found = eight_bits(image), []
+    eight = eight_bits(image)
+    found = []
     for threshold in (500.0, 60.0):
         check_keypoints(image, threshold)
         what = ("pixels", image.size, "OpenCV SIFT, 8 bits")
-        peer, name = partial(sift, eight, threshold), f"DoG keypoints at {threshold:g}"
+        peer = partial(sift, eight, threshold)
+        name = f"DoG keypoints at {threshold:g}"
         found.append(compare((name, *what), partial(DoG(threshold), image), peer))
         name += ", doubled picture, dark ones too"
-        found.append(compare((name, *what), partial(doubled, eight * GAIN, threshold), peer))
+        found.append(
+            compare((name, *what), partial(doubled, eight * GAIN, threshold), peer)
+        )
     assert otsu_threshold(image) == numpy_threshold(image)
     np.testing.assert_allclose(Otsu()(image), scipy_particles(image))
     what = ("Otsu's particles", "pixels", image.size, "scipy.ndimage")

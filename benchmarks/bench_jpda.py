@@ -1,7 +1,7 @@
 """Probabilities of joint events against Stone Soup.
 
-Stone Soup's associator gets its hypotheses ready made, with their likelihoods, and ours the same
-likelihoods as arrays. Both group, sum and normalise.
+Stone Soup's associator gets its hypotheses ready made, with their likelihoods, and ours
+the same likelihoods as arrays. Both group, sum and normalise.
 """
 
 from __future__ import annotations
@@ -26,12 +26,15 @@ from stonesoup.updater.kalman import KalmanUpdater
 from kilnflight.association import joint_probabilities
 
 NOW = datetime.datetime(2023, 1, 1)
-# Name, tracks, side of the image part in px: about 1.1, 1.7 and 4.6 detections per gate.
-# With 7.3 (20 tracks in 50 px) ours takes 8 ms and Stone Soup did not end within 4 minutes.
+# Name, tracks, side of the image part in px: about 1.1, 1.7 and 4.6 detections per
+# gate. With 7.3 (20 tracks in 50 px) ours takes 8 ms and Stone Soup did not end within
+# 4 minutes.
 SCENES = (("sparse", 60, 550.0), ("crowded", 60, 260.0), ("dense group", 20, 70.0))
 SPREAD = np.diag([20.0, 5.0, 20.0, 5.0])  # px^2, covariance of the tracks
 NOISE = np.eye(2) * 4.0  # px^2
-P_D, P_G, CLUTTER = 0.9, 0.999, 1e-4  # per px^2
+P_D = 0.9
+P_G = 0.999
+CLUTTER = 1e-4  # per px^2
 GATE = -2 * np.log(1 - P_G)
 
 
@@ -55,17 +58,23 @@ def scene(count: int, side: float) -> tuple[np.ndarray, np.ndarray]:
     return tracks, detections
 
 
-def ours_from_places(tracks: np.ndarray, detections: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ours_from_places(
+    tracks: np.ndarray, detections: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return likelihood and nonassignment as Stone Soup defines them."""
     residual = SPREAD[::2, ::2] + NOISE
     difference = detections[None] - tracks[:, None]
-    distance = np.einsum("tdi,ij,tdj->td", difference, np.linalg.inv(residual), difference)
+    distance = np.einsum(
+        "tdi,ij,tdj->td", difference, np.linalg.inv(residual), difference
+    )
     density = np.exp(-distance / 2) / (2 * np.pi * np.sqrt(np.linalg.det(residual)))
     likelihood = np.where(distance <= GATE, P_D * density / CLUTTER, 0.0)
     return likelihood, np.full(len(tracks), 1 - P_D * P_G)
 
 
-def stone_soup(tracks: np.ndarray, detections: np.ndarray) -> tuple[list, list, PDAHypothesiser]:
+def stone_soup(
+    tracks: np.ndarray, detections: np.ndarray
+) -> tuple[list, list, PDAHypothesiser]:
     """Return the same scene in Stone Soup's objects."""
     measurement = LinearGaussian(4, (0, 2), NOISE)
     still = CombinedLinearGaussianTransitionModel([ConstantVelocity(0.0)] * 2)
@@ -73,7 +82,9 @@ def stone_soup(tracks: np.ndarray, detections: np.ndarray) -> tuple[list, list, 
         KalmanPredictor(still), KalmanUpdater(measurement), CLUTTER, P_D, P_G
     )
     states = [GaussianState([row, 0, col, 0], SPREAD, NOW) for row, col in tracks]
-    seen = [Detection(place, NOW, measurement_model=measurement) for place in detections]
+    seen = [
+        Detection(place, NOW, measurement_model=measurement) for place in detections
+    ]
     return [Track([state]) for state in states], seen, hypothesiser
 
 
@@ -96,7 +107,9 @@ def joint(name: str, count: int, side: float) -> Row:
     ready = {track: hypothesiser.hypothesise(track, seen, NOW) for track in tracks}
     peer = JPDAwithEHM2(Ready(ready))
     expected = as_weights(peer.associate(tracks, set(seen), NOW), tracks, seen)
-    np.testing.assert_allclose(joint_probabilities(likelihood, missed), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        joint_probabilities(likelihood, missed), expected, atol=1e-9
+    )
     return compare(
         (f"joint probabilities, {name}", "tracks", count, "Stone Soup JPDAwithEHM2"),
         lambda: joint_probabilities(likelihood, missed),

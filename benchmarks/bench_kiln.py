@@ -1,9 +1,11 @@
-"""Whole detection of a full frame against the off-the-shelf assembly, rendering excluded.
+"""Whole detection of a full frame against the off-the-shelf assembly, rendering
+excluded.
 
-The assembly is numpy's median over 150 frames, OpenCV's SIFT on 8 bits and scikit-learn's
-DBSCAN for both passes; it decides no cases. Checked here: with numpy's median and
-scikit-learn's clusters in place of ours the table of detections is the same. Keypoints are
-held against OpenCV's in `bench_detection_2d`, where both see 8 bits: its SIFT takes no others.
+The assembly is numpy's median over 150 frames, OpenCV's SIFT on 8 bits and
+scikit-learn's DBSCAN for both passes; it decides no cases. Checked here: with numpy's
+median and scikit-learn's clusters in place of ours the table of detections is the same.
+Keypoints are held against OpenCV's in `bench_detection_2d`, where both see 8 bits: its
+SIFT takes no others.
 """
 
 from __future__ import annotations
@@ -27,10 +29,21 @@ from kilnflight.recording.buffer import FrameBuffer
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.simulated.kiln.scenes import open_scene
 
-THRESHOLD = 100.0  # grey values; found for most subsets (Table 5.6), and taken for campaigns
-STEPS = ("background", "calibration, flame", "DoG", "clustering", "smoothing", "evidence, cases")
-WANTED, AROUND = range(1000, 1064), 75  # consecutive; each has a window of its own for the median
-SCENE, SHOWN = "paper-shred-4.5-bar", 1032  # the frame that the peer detects in
+THRESHOLD = (
+    100.0  # grey values; found for most subsets (Table 5.6), and taken for campaigns
+)
+STEPS = (
+    "background",
+    "calibration, flame",
+    "DoG",
+    "clustering",
+    "smoothing",
+    "evidence, cases",
+)
+WANTED = range(1000, 1064)
+AROUND = 75  # consecutive; each has a window of its own for the median
+SCENE = "paper-shred-4.5-bar"
+SHOWN = 1032  # the frame that the peer detects in
 
 
 @dataclass
@@ -71,7 +84,8 @@ def both_passes(xyz: np.ndarray) -> np.ndarray:
 
 def assembly(recording: Held, view: View) -> dict[str, Callable[[], object]]:
     """Return the calls of the peer, by the step of ours that does the like."""
-    low, high = np.floor(recording.attributes.roi).min(0), np.ceil(recording.attributes.roi).max(0)
+    low = np.floor(recording.attributes.roi).min(0)
+    high = np.ceil(recording.attributes.roi).max(0)
     (top, left), (bottom, right) = np.maximum(low, 0).astype(int), high.astype(int) + 1
     bytes_8 = np.rint(view.foreground[top:bottom, left:right] / 257).astype(np.uint8)
     sift = cv2.SIFT_create(contrastThreshold=3 * THRESHOLD / 65_535)
@@ -90,8 +104,10 @@ def window(recording: Held) -> np.ndarray:
 
 def steps() -> pd.DataFrame:
     """Return the share of each step in a frame's time in percent, ours and the peer's."""
-    recording, detector = held(), Combination(DoG(THRESHOLD))
-    roi, spent = recording.attributes.roi, dict.fromkeys(STEPS, 0.0)
+    recording = held()
+    detector = Combination(DoG(THRESHOLD))
+    roi = recording.attributes.roi
+    spent = dict.fromkeys(STEPS, 0.0)
     cv2.setNumThreads(1)
     chain.detect_frames(recording, WANTED[:2], detector)  # compiles
     start = time.perf_counter()
@@ -120,13 +136,17 @@ def steps() -> pd.DataFrame:
 
 
 def rows() -> list[Row]:
-    """Return the comparison; ours is the mean of 64 consecutive frames, the peer has one."""
-    recording, detector = held(), Combination(DoG(THRESHOLD))
+    """Return the comparison; ours is the mean of 64 consecutive frames, the peer has
+    one.
+    """
+    recording = held()
+    detector = Combination(DoG(THRESHOLD))
     _, view = next(chain.views(recording, [SHOWN]))
     plain = recording.gray(SHOWN) - np.median(window(recording), axis=0)
     ours = next(iter(Median()(FrameBuffer(recording), [SHOWN])))
     np.testing.assert_array_equal(ours, np.maximum(plain, 0).astype(np.float32))
-    keypoints, labels = DoG(THRESHOLD)(view.foreground), both_passes(view.xyz)
+    keypoints = DoG(THRESHOLD)(view.foreground)
+    labels = both_passes(view.xyz)
     pd.testing.assert_frame_equal(
         chain.detect_frames(recording, [SHOWN], detector),
         detector.decide(view, keypoints, labels, recording.attributes.roi, SHOWN),
@@ -135,7 +155,12 @@ def rows() -> list[Row]:
     cv2.setNumThreads(1)
     calls = assembly(recording, view).values()
     row = compare(
-        ("combined detection, one frame", "frames", 1, "numpy, OpenCV and scikit-learn"),
+        (
+            "combined detection, one frame",
+            "frames",
+            1,
+            "numpy, OpenCV and scikit-learn",
+        ),
         lambda: chain.detect_frames(recording, WANTED, detector),
         lambda: [call() for call in calls],
         share=1 / len(WANTED),

@@ -9,9 +9,11 @@ from tests.definitions import plain_regression
 
 from kilnflight.regression import Regression
 
-EXIT, RATE = np.array([120.0, 60.0, 6500.0]), 330.0
+EXIT = np.array([120.0, 60.0, 6500.0])
+RATE = 330.0
 SCATTER = np.array([7.0, 7.0, 150.0])
-TRACKS, ORDERS = 5, (2, 6)
+TRACKS = 5
+ORDERS = (2, 6)
 
 
 def tracks(count: int, points: int = 60) -> list[pd.DataFrame]:
@@ -25,18 +27,29 @@ def tracks(count: int, points: int = 60) -> list[pd.DataFrame]:
         bend = np.array([-300.0, -4900.0, 6000.0])
         places = EXIT + since[:, None] * speed + since[:, None] ** 2 * bend
         places += rng.normal(size=places.shape) * SCATTER
-        parts.append(pd.DataFrame(places, columns=list("xyz")).assign(time_s=first / RATE + since))
+        parts.append(
+            pd.DataFrame(places, columns=list("xyz")).assign(
+                time_s=first / RATE + since
+            )
+        )
     return parts
 
 
 def against(order: int) -> Row:
-    """Return the comparison of one order along all axes, from arrays to the same minimum."""
+    """Return the comparison of one order along all axes, from arrays to the same
+    minimum.
+    """
     method = Regression(lowest=order, highest=order)
-    some = [(track["time_s"].to_numpy(), track[list("xyz")].to_numpy()) for track in tracks(TRACKS)]
+    some = [
+        (track["time_s"].to_numpy(), track[list("xyz")].to_numpy())
+        for track in tracks(TRACKS)
+    ]
     fits = [method(*track, EXIT) for track in some]
 
     def plainly() -> list[float]:
-        """Return the sums of squares by scipy, from a guess within the same range of t0."""
+        """Return the sums of squares by scipy, from a guess within the same range of
+        t0.
+        """
         found = []
         for (time, places), fit in zip(some, fits, strict=True):
             limits = np.array(fit.t0_range_s) - time[0]
@@ -50,7 +63,12 @@ def against(order: int) -> Row:
     free = len(some[0][0]) - order - 1
     ours = [free * np.square(fit.rmse_mm).sum() for fit in fits]
     np.testing.assert_allclose(ours, plainly(), rtol=1e-5)
-    what = (f"regression of order {order}", "trajectories", TRACKS, "scipy over all unknowns")
+    what = (
+        f"regression of order {order}",
+        "trajectories",
+        TRACKS,
+        "scipy over all unknowns",
+    )
     return compare(what, lambda: [method(*track, EXIT) for track in some], plainly)
 
 

@@ -1,8 +1,9 @@
-"""Tracking of easy recordings, 60 and 600 detections per frame, against three other trackers.
+"""Tracking of easy recordings, 60 and 600 detections per frame, against three other
+trackers.
 
-Each tracker's links are held against the truth before anything is timed: on this recording
-each finds nearly all of them, so each does the same work. Stone Soup takes the same motion
-model, noise and gate as ours; trackpy and laptrack take a largest step.
+Each tracker's links are held against the truth before anything is timed: on this
+recording each finds nearly all of them, so each does the same work. Stone Soup takes
+the same motion model, noise and gate as ours; trackpy and laptrack take a largest step.
 """
 
 from __future__ import annotations
@@ -28,19 +29,23 @@ def recording(frames: int, per_frame: int = 60) -> pd.DataFrame:
     rng = np.random.default_rng(frames)
     count = per_frame * (frames + LIFE) // LIFE
     start = np.linspace(-LIFE, frames, count).astype(int)[:, None] + np.arange(LIFE)
-    angle, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(3, 10, count)
+    angle = rng.uniform(0, 2 * np.pi, count)
+    speed = rng.uniform(3, 10, count)
     velocity = speed * np.array([np.sin(angle), np.cos(angle)])
     place = rng.uniform(0, 1, (2, count)) * np.array([[1536], [2048]])
     path = place[:, :, None] + velocity[:, :, None] * np.arange(LIFE)
     row, col = path + rng.normal(0, 0.5, path.shape)
     truth = np.repeat(np.arange(count), LIFE)
-    table = pd.DataFrame({"frame": start.ravel(), "row": row.ravel(), "col": col.ravel()})
+    table = pd.DataFrame(
+        {"frame": start.ravel(), "row": row.ravel(), "col": col.ravel()}
+    )
     table = table.assign(truth=truth)[(start >= 0).ravel() & (start < frames).ravel()]
     return table.sort_values(["frame", "row", "col"], ignore_index=True)
 
 
 # Called as their packages are: the table is in order, and nothing of ours checks it.
-TRACKPY, LAPTRACK = peers.Trackpy(LONGEST_STEP).link, peers.LapTrack(LONGEST_STEP).link
+TRACKPY = peers.Trackpy(LONGEST_STEP).link
+LAPTRACK = peers.LapTrack(LONGEST_STEP).link
 STONE_SOUP = peers.StoneSoupGNN().link
 
 
@@ -68,29 +73,46 @@ def gating(tracks: int) -> Row:
     def by_scipy() -> np.ndarray:
         inverse = np.linalg.inv(residual)
         distance = [
-            cdist(where[i : i + 1], seen, "mahalanobis", VI=inverse[i])[0] for i in range(tracks)
+            cdist(where[i : i + 1], seen, "mahalanobis", VI=inverse[i])[0]
+            for i in range(tracks)
         ]
         return np.square(distance)
 
-    found, expected = Gate()(*predicted), by_scipy()
+    found = Gate()(*predicted)
+    expected = by_scipy()
     np.testing.assert_array_equal(np.argwhere(expected < 16.0), np.transpose(found[:2]))
     np.testing.assert_allclose(found.distance_squared, expected[expected < 16.0])
-    what = ("gate, Eqs 4.7 and 4.8", "tracks and detections", tracks, "scipy.cdist per track")
+    what = (
+        "gate, Eqs 4.7 and 4.8",
+        "tracks and detections",
+        tracks,
+        "scipy.cdist per track",
+    )
     return compare(what, lambda: Gate()(*predicted), by_scipy)
 
 
 def campaign(frames: int = 3000) -> list[Row]:
-    """Return post-processing of a campaign, without and with tracking, against trackpy.link.
+    """Return post-processing of a campaign, without and with tracking, against
+    trackpy.link.
 
     trackpy only links.
     """
-    table, what = recording(frames), ("frames", frames, "trackpy.link")
-    tracks, theirs = track(table), lambda: TRACKPY(table)
+    table = recording(frames)
+    what = ("frames", frames, "trackpy.link")
+    tracks = track(table)
+
+    def theirs():
+        return TRACKPY(table)
+
     check_links(table, postprocess(tracks)["particle"].to_numpy(), "post-processing")
     check_links(table, theirs(), "trackpy")
     both = "GNN tracking and post-processing of a campaign"
     return [
-        compare(("post-processing of a campaign", *what), lambda: postprocess(tracks), theirs),
+        compare(
+            ("post-processing of a campaign", *what),
+            lambda: postprocess(tracks),
+            theirs,
+        ),
         compare((both, *what), lambda: postprocess(track(table)), theirs),
     ]
 

@@ -20,7 +20,10 @@ def tracklets(count: int) -> pd.DataFrame:
     for flight in range(flights):
         t = np.arange(60)
         start = int(rng.integers(0, max(2 * flights, 60)))
-        place = rng.uniform(0, (1500, 2000), (1, 2)) + rng.uniform(-8, 8, (1, 2)) * t[:, None]
+        place = (
+            rng.uniform(0, (1500, 2000), (1, 2))
+            + rng.uniform(-8, 8, (1, 2)) * t[:, None]
+        )
         place += rng.normal(0, 1.0, place.shape)
         depth = np.where(rng.random(60) < 0.3, np.nan, rng.normal(5000, 200, 60))
         seen = rng.random(60) < 0.9
@@ -41,7 +44,13 @@ def check(tracks: pd.DataFrame) -> None:
 
 def rows() -> list[Row]:
     """Return the comparison, the results checked to be equal."""
-    check(tracks := tracklets(SIZE))
-    what = ("connection, Eqs 4.21 to 4.24", "tracklets", SIZE, "the definition in Python")
+    tracks = tracklets(SIZE)
+    check(tracks)
+    what = (
+        "connection, Eqs 4.21 to 4.24",
+        "tracklets",
+        SIZE,
+        "the definition in Python",
+    )
     peer = lambda: plain_tracklets.join(plain_tracklets.tracklets_of(tracks))  # noqa: E731
     return [compare(what, lambda: Connection()(tracks), peer)]

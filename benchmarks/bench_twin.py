@@ -13,9 +13,12 @@ def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:
     """Draw each particle over the whole picture, as one writes it first."""
     row, column = np.indices(picture.shape, dtype=np.float32)
     for k in range(len(blobs.row)):
-        y, x = row - blobs.row[k], column - blobs.column[k]
+        y = row - blobs.row[k]
+        x = column - blobs.column[k]
         inverse = np.linalg.inv(blobs.spread_px2[k])
-        square = inverse[0, 0] * y * y + 2 * inverse[0, 1] * x * y + inverse[1, 1] * x * x
+        square = (
+            inverse[0, 0] * y * y + 2 * inverse[0, 1] * x * y + inverse[1, 1] * x * x
+        )
         radius = np.sqrt(np.minimum(square, drawing.LARGEST_RADIUS**2))
         last = 1 / (1 + np.exp((drawing.LARGEST_RADIUS - 1) / blobs.softness[k]))
         profile = 1 / (1 + np.exp((radius - 1) / blobs.softness[k])) - last
@@ -29,8 +32,11 @@ def rows() -> list[Row]:
     """Return the comparison of drawing the particles of one frame of V1."""
     twin = scenes.open_scene("V1")
     twin.frame(80)  # what is made once per scene
-    view, geometry = twin.view(80), twin.scene.geometry
-    blobs = drawing.Blobs._make(part[:20] for part in view.blobs)  # the peer takes seconds for it
+    view = twin.view(80)
+    geometry = twin.scene.geometry
+    blobs = drawing.Blobs._make(
+        part[:20] for part in view.blobs
+    )  # the peer takes seconds for it
     empty = np.full((geometry.rows, geometry.columns), 4000.0, dtype=np.float32)
 
     def ours() -> np.ndarray:
@@ -40,5 +46,10 @@ def rows() -> list[Row]:
         return picture
 
     np.testing.assert_allclose(ours(), one_by_one(empty, blobs), rtol=1e-4)
-    what = ("drawing 20 particles into a frame", "particles", 20, "one particle at a time")
+    what = (
+        "drawing 20 particles into a frame",
+        "particles",
+        20,
+        "one particle at a time",
+    )
     return [compare(what, ours, lambda: one_by_one(empty, blobs))]

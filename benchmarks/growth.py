@@ -1,7 +1,8 @@
 """How time and memory grow with frames, points and detections, and with Dask workers.
 
-Each measurement is a process of its own: ``python benchmarks/growth.py frames 300`` prints what it
-found as JSON. ``table`` makes figures/growth.csv of them, without absolute times.
+Each measurement is a process of its own: ``python benchmarks/growth.py frames 300``
+prints what it found as JSON. ``table`` makes figures/growth.csv of them, without
+absolute times.
 """
 
 from __future__ import annotations
@@ -42,14 +43,17 @@ SIZES = {
     "detections": (60, 600, 6_000),  # a frame
     "workers": (1, 2),
 }
-HELD, FILM = 32, 400  # frames held; frames of the film for Dask
+HELD = 32
+FILM = 400  # frames held; frames of the film for Dask
 NETWORK = 1e9  # bytes/s at which workers read their frames, an assumption
 DETECTOR = Combination(DoG(THRESHOLD))
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Some frames of the twin, shown again and again; each reader gets a copy, as from a disk."""
+    """Some frames of the twin, shown again and again; each reader gets a copy, as from
+    a disk.
+    """
 
     frames: tuple[Frame, ...]
     attributes: Attributes
@@ -69,7 +73,9 @@ class Replay:
 def replay(length: int) -> Replay:
     """Return frames 60 to 91 of subset V1, full size, as often as needed."""
     twin = open_scene("V1")
-    return Replay(tuple(twin.frame(60 + t) for t in range(HELD)), twin.attributes, length)
+    return Replay(
+        tuple(twin.frame(60 + t) for t in range(HELD)), twin.attributes, length
+    )
 
 
 def seconds(run: Callable[[], object]) -> float:
@@ -91,34 +97,48 @@ def frames(count: int) -> dict[str, float]:
 
 
 def points(count: int) -> dict[str, float]:
-    """Return the seconds of both passes of DBSCAN over a wall that grows with its points."""
+    """Return the seconds of both passes of DBSCAN over a wall that grows with its
+    points.
+    """
     cloud = surface(count)
     WALL(cloud), PARTICLES(cloud)
-    return {"seconds": min(seconds(lambda: (WALL(cloud), PARTICLES(cloud))) for _ in range(5))}
+    return {
+        "seconds": min(
+            seconds(lambda: (WALL(cloud), PARTICLES(cloud))) for _ in range(5)
+        )
+    }
 
 
 def detections(count: int) -> dict[str, float]:
-    """Return the seconds to link 20 frames, all of the same size, and the share of right links."""
+    """Return the seconds to link 20 frames, all of the same size, and the share of
+    right links.
+    """
     table = recording(20, count)
     right = share_of_links(table, track(table)["particle"].to_numpy())
-    return {"seconds": min(seconds(lambda: track(table)) for _ in range(3)), "right_links": right}
+    return {
+        "seconds": min(seconds(lambda: track(table)) for _ in range(3)),
+        "right_links": right,
+    }
 
 
 def workers(count: int) -> dict[str, float]:
     """Return the seconds of ``kilnflight run --scheduler`` with ``count`` workers.
 
-    Also the share of the command's time in which they detect, and the number of workers that read
-    `NETWORK` bytes/s together. Each chunk also reads the pictures of the median's window.
+    Also the share of the command's time in which they detect, and the number of workers
+    that read `NETWORK` bytes/s together. Each chunk also reads the pictures of the
+    median's window.
     """
     from distributed import LocalCluster
 
-    twin, start = open_scene(SCENE), WANTED.start
+    twin = open_scene(SCENE)
+    start = WANTED.start
     with tempfile.TemporaryDirectory() as name:
         for length in (16, FILM):
             film = Path(name, f"{length}.zarr")
             write_recording(twin, film, range(start, start + length))
         whole, pictures = (  # bytes a frame
-            sum(path.stat().st_size for path in there.rglob("*") if path.is_file()) / FILM
+            sum(path.stat().st_size for path in there.rglob("*") if path.is_file())
+            / FILM
             for there in (film, film / "gray")
         )
         with (
@@ -130,10 +150,23 @@ def workers(count: int) -> dict[str, float]:
             ) as cluster,
             redirect_stdout(sys.stderr),
         ):
-            last = ["--threshold", str(THRESHOLD), "--scheduler", cluster.scheduler_address]
+            last = [
+                "--threshold",
+                str(THRESHOLD),
+                "--scheduler",
+                cluster.scheduler_address,
+            ]
 
             def run(length: int) -> None:
-                main(["run", f"{name}/{length}.zarr", "--to", f"{name}/found-{length}", *last])
+                main(
+                    [
+                        "run",
+                        f"{name}/{length}.zarr",
+                        "--to",
+                        f"{name}/found-{length}",
+                        *last,
+                    ]
+                )
 
             run(16)  # compiles
             spent = seconds(lambda: run(FILM))
@@ -143,18 +176,23 @@ def workers(count: int) -> dict[str, float]:
                 part.unlink()
             shared = spent - seconds(lambda: run(FILM))  # again, but for the detections
     moved = whole * FILM + pictures * 150 * chunks
-    busy = round(shared / (moved / NETWORK)) if count == 1 else np.nan  # more slow each other
+    busy = (
+        round(shared / (moved / NETWORK)) if count == 1 else np.nan
+    )  # more slow each other
     found = {"shared_percent": round(100 * shared / spent), "workers_at_1_gb_s": busy}
     return found | {"seconds": spent}
 
 
 def table() -> pd.DataFrame:
     """Return time for one frame, point or detection by that of the smallest size."""
-    rows, first = [], 1.0
+    rows = []
+    first = 1.0
     for unit, sizes in SIZES.items():
         for size in sizes:
             command = [sys.executable, __file__, unit, str(size)]
-            done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+            done = subprocess.run(
+                command, stdout=subprocess.PIPE, text=True, check=True
+            )
             row = {"unit": unit, "size": size} | json.loads(done.stdout)
             print(f"{unit}, {size}: {row['seconds']:.3g} s", flush=True)
             each = row.pop("seconds") / (1 if unit == "workers" else size)
@@ -164,7 +202,14 @@ def table() -> pd.DataFrame:
             else:
                 row["relative_time"] = round(each / first, 2)
             rows.append(row)
-    columns = ["unit", "size", "relative_time", "peak_memory_mib", "right_links", "speed_up"]
+    columns = [
+        "unit",
+        "size",
+        "relative_time",
+        "peak_memory_mib",
+        "right_links",
+        "speed_up",
+    ]
     return pd.DataFrame(rows)[[*columns, "shared_percent", "workers_at_1_gb_s"]]
 
 

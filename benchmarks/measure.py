@@ -30,7 +30,8 @@ class Row(NamedTuple):
 
 def seconds(call: Callable[[], object]) -> float:
     """Return the mean time of as many calls as take `TURN_S`, at least one."""
-    start, calls = time.perf_counter(), 0
+    start = time.perf_counter()
+    calls = 0
     while (spent := time.perf_counter() - start) < TURN_S or not calls:
         call()
         calls += 1
@@ -66,7 +67,9 @@ def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:
     return len(found[0] & found[1]) / len(found[0] | found[1])
 
 
-def check_links(table: pd.DataFrame, particle: np.ndarray, name: str, right: float = RIGHT) -> None:
+def check_links(
+    table: pd.DataFrame, particle: np.ndarray, name: str, right: float = RIGHT
+) -> None:
     """Raise unless at least the share ``right`` of the links is."""
     share = share_of_links(table, particle)
     if share < right:

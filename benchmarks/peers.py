@@ -1,17 +1,19 @@
-"""Published trackers: a table of frame, row and col in, sorted by them, and each row's track out.
+"""Published trackers: a table of frame, row and col in, sorted by them, and each row's
+track out.
 
 =================  =========================  ==================================================
 tracker            package                    how it links
 =================  =========================  ==================================================
-`Trackpy`          trackpy 0.6 and later      nearest positions, optimal in each small group
-`LapTrack`         laptrack 0.16 and later    one assignment per frame; gaps are not closed
-`StoneSoupGNN`     stonesoup 1.5 and later    Kalman filter, ``GNNWith2DAssignment``
+`Trackpy`          trackpy 0.6 and later      nearest positions, optimal in each small
+group `LapTrack`         laptrack 0.16 and later    one assignment per frame; gaps are
+not closed `StoneSoupGNN`     stonesoup 1.5 and later    Kalman filter,
+``GNNWith2DAssignment``
 =================  =========================  ==================================================
 
-They come with ``pip install kilnflight[peer]`` and are imported when called. None uses depth or
-size. Stone Soup has only parts to build a tracker from. The loop here starts a track at every
-detection that is left over and ends a track that was not detected for some frames, as
-`kilnflight.tracking.tracker` does.
+They come with ``pip install kilnflight[peer]`` and are imported when called. None uses
+depth or size. Stone Soup has only parts to build a tracker from. The loop here starts a
+track at every detection that is left over and ends a track that was not detected for
+some frames, as `kilnflight.tracking.tracker` does.
 """
 
 from __future__ import annotations
@@ -58,10 +60,14 @@ class LapTrack:
         """Return the track of each row, (n,)."""
         import laptrack
 
-        build: Any = laptrack.LapTrack  # its arguments have defaults that mypy does not see
+        build: Any = (
+            laptrack.LapTrack
+        )  # its arguments have defaults that mypy does not see
         tracker = build(cutoff=self.cutoff**2, gap_closing_cutoff=False)
-        # by arrays, as `predict_dataframe` takes longer for its table than for the tracks
-        frames, places = table["frame"].to_numpy(), table[PLACE].to_numpy()
+        # by arrays, as `predict_dataframe` takes longer for its table than for the
+        # tracks
+        frames = table["frame"].to_numpy()
+        places = table[PLACE].to_numpy()
         first = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2))
         linked = tracker.predict(np.split(places, first[1:-1]))
         ends = np.array(linked.edges, dtype=np.intp).reshape(-1, 2, 2)
@@ -70,7 +76,9 @@ class LapTrack:
         return connected_components(graph)[1]
 
 
-START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a second after another
+START = datetime(
+    2023, 1, 1
+)  # Stone Soup wants times of day; a frame is a second after another
 
 
 class StoneSoupFrame(NamedTuple):
@@ -86,8 +94,11 @@ class StoneSoupFrame(NamedTuple):
     def inside(self, track: Any) -> npt.NDArray[np.bool_]:
         """Return which detections are in the gate of a track."""
         prediction = self.predictor.predict(track, timestamp=self.time)
-        # asked as the hypothesisers ask, so that it is worked out once: Stone Soup keeps it
-        expected = self.updater.predict_measurement(prediction, self.updater.measurement_model)
+        # asked as the hypothesisers ask, so that it is worked out once: Stone Soup
+        # keeps it
+        expected = self.updater.predict_measurement(
+            prediction, self.updater.measurement_model
+        )
         apart = self.places - np.asarray(expected.state_vector, dtype=np.float64).T
         inverse = np.linalg.inv(np.asarray(expected.covar, dtype=np.float64))
         return np.einsum("ij,jk,ik->i", apart, inverse, apart) < self.distance**2
@@ -115,9 +126,13 @@ class Gated(NamedTuple):
     inner: Any
     frame: StoneSoupFrame
 
-    def hypothesise(self, track: Any, detections: Any, timestamp: Any, **more: Any) -> Any:
+    def hypothesise(
+        self, track: Any, detections: Any, timestamp: Any, **more: Any
+    ) -> Any:
         """Return the hypotheses of a track, as Stone Soup's associators ask for them."""
-        near = [self.frame.detections[k] for k in np.flatnonzero(self.frame.inside(track))]
+        near = [
+            self.frame.detections[k] for k in np.flatnonzero(self.frame.inside(track))
+        ]
         return self.inner.hypothesise(track, near, timestamp, **more)
 
 
@@ -132,7 +147,9 @@ class StoneSoupGNN:
     measurement_sd: float = 2.0  # px; assumption
 
     def link(self, table: pd.DataFrame) -> npt.NDArray[np.int64]:
-        """Return the track of each row, (n,): associate, update, start, give up, frame by frame."""
+        """Return the track of each row, (n,): associate, update, start, give up, frame
+        by frame.
+        """
         from stonesoup.models.measurement.linear import LinearGaussian
         from stonesoup.models.transition import linear
         from stonesoup.predictor.kalman import KalmanPredictor
@@ -145,30 +162,41 @@ class StoneSoupGNN:
         sensor = LinearGaussian(4, (0, 2), self.measurement_sd**2 * np.eye(2))
         motion = linear.CombinedLinearGaussianTransitionModel([axis, axis])
         for model in (motion, sensor):
-            model.matrix, model.covar = _remembered(model.matrix), _remembered(model.covar)
+            model.matrix = _remembered(model.matrix)
+            model.covar = _remembered(model.covar)
         parts = KalmanPredictor(motion), KalmanUpdater(sensor), self.distance
         spread = np.diag([self.measurement_sd**2, self.velocity_sd**2] * 2)
         label = np.empty(len(table), dtype=np.int64)
-        alive: dict[int, tuple[Any, int]] = {}  # number: track, frame of its last detection
+        alive: dict[
+            int, tuple[Any, int]
+        ] = {}  # number: track, frame of its last detection
         started = 0
-        frames, places = table["frame"].to_numpy(), table[PLACE].to_numpy()
+        frames = table["frame"].to_numpy()
+        places = table[PLACE].to_numpy()
         for frame in map(int, np.unique(frames)):
             rows = np.flatnonzero(frames == frame)
             now = START + timedelta(seconds=frame)
             detections = [
                 Detection(
-                    places[row][:, None], now, metadata={"row": row}, measurement_model=sensor
+                    places[row][:, None],
+                    now,
+                    metadata={"row": row},
+                    measurement_model=sensor,
                 )
                 for row in rows
             ]
-            alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.missed_frames}
-            number, alone = {id(track): k for k, (track, _) in alive.items()}, set(rows)
+            alive = {
+                k: v for k, v in alive.items() if frame - 1 - v[1] <= self.missed_frames
+            }
+            number = {id(track): k for k, (track, _) in alive.items()}
+            alone = set(rows)
             tracks = [track for track, _ in alive.values()]
             view = StoneSoupFrame(detections, places[rows], now, *parts)
             for track, state, detection in self._associated(view, tracks):
                 track.append(state)
                 if detection is not None:
-                    row, k = detection.metadata["row"], number[id(track)]
+                    row = detection.metadata["row"]
+                    k = number[id(track)]
                     alive[k], label[row] = (track, frame), k
                     alone.discard(row)
             for row in sorted(alone):
@@ -185,9 +213,13 @@ class StoneSoupGNN:
         from stonesoup.measures import Mahalanobis
 
         filters = (frame.predictor, frame.updater)
-        costs = DistanceHypothesiser(*filters, Mahalanobis(), missed_distance=self.distance)
+        costs = DistanceHypothesiser(
+            *filters, Mahalanobis(), missed_distance=self.distance
+        )
         associator = GNNWith2DAssignment(Gated(costs, frame))
-        for track, best in associator.associate(tracks, frame.detections, frame.time).items():
+        for track, best in associator.associate(
+            tracks, frame.detections, frame.time
+        ).items():
             if best:
                 yield track, frame.updater.update(best), best.measurement
             else:

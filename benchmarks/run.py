@@ -1,4 +1,6 @@
-"""Run every benchmark; write benchmarks.csv, cost-by-step.csv and growth.csv into figures/."""
+"""Run every benchmark; write benchmarks.csv, cost-by-step.csv and growth.csv into
+figures/.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +21,33 @@ def main() -> None:
     for path in sorted(Path(__file__).parent.glob("bench_*.py")):
         module = importlib.import_module(path.stem)
         for row in module.rows():
-            times = f"{row.ratio:.3g} times our time ({row.lowest:.3g} to {row.highest:.3g})"
-            print(f"{row.step}, {row.size} {row.unit}: {row.peer} takes {times}", flush=True)
+            times = (
+                f"{row.ratio:.3g} times our time ({row.lowest:.3g} to "
+                f"{row.highest:.3g})"
+            )
+            print(
+                f"{row.step}, {row.size} {row.unit}: {row.peer} takes {times}",
+                flush=True,
+            )
             rows.append((*row[:4], *(float(f"{each:.3g}") for each in row[4:])))
     origin = figures.trace("benchmarks/run", {"scale": "full"}, mark="")
     caption = (
-        "Time of other programs over ours. Median, lowest and highest ratio of five runs in turns, "
-        "on one core."
+        "Time of other programs over ours. Median, lowest and highest ratio of five "
+        "runs in turns, on one core."
     )
     table = pd.DataFrame(rows, columns=Row._fields)
     figures.save("benchmarks", table, caption=caption, provenance=origin)
-    caption = "Share of each step in the time of combined detection, ours and the peer's, one core."
+    caption = (
+        "Share of each step in the time of combined detection, ours and the peer's, "
+        "one core."
+    )
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
-        "Time for one frame, point or detection over that of the smallest size, and the peak of "
-        "memory. Points: shortest of five runs; detections, with the share of their links that is "
-        "right: of three; frames and workers: one run. Workers of Dask: speed-up over one, share "
-        "of the command's time in which they detect, how many a network of 1 GB/s keeps busy."
+        "Time for one frame, point or detection over that of the smallest size, and "
+        "the peak of memory. Points: shortest of five runs; detections, with the share "
+        "of their links that is right: of three; frames and workers: one run. Workers "
+        "of Dask: speed-up over one, share of the command's time in which they detect, "
+        "how many a network of 1 GB/s keeps busy."
     )
     figures.save("growth", growth.table(), caption=caption, provenance=origin)
 

@@ -1,4 +1,6 @@
-"""Settings of the site (Sphinx), which needs no network; `generate.py` writes its pages."""
+"""Settings of the site (Sphinx), which needs no network; `generate.py` writes its
+pages.
+"""
 
 import gc
 import re
@@ -11,7 +13,8 @@ from ziamath import Latex
 
 from kilnflight import __version__
 
-gc.disable()  # of millions of nodes few are garbage; to look for it takes a quarter of the time
+# of millions of nodes few are garbage; to look for it takes a quarter of the time
+gc.disable()
 
 project = "kilnflight"
 author = copyright = "The kilnflight founders"
@@ -61,22 +64,25 @@ def bars(*given: Any) -> None:
 
 def short_paths(*given: Any) -> tuple[str, str] | None:
     """Return a signature whose default paths begin at the package, not on this machine."""
-    short = given[-2] and re.sub(r"\w*Path\('[^']*/(kilnflight/[^']*)'\)", r"Path('\1')", given[-2])
+    short = given[-2] and re.sub(
+        r"\w*Path\('[^']*/(kilnflight/[^']*)'\)", r"Path('\1')", given[-2]
+    )
     return (short, given[-1]) if short else None
 
 
 def drawing(latex: str, inline: bool) -> str:
     """Return a formula as SVG in the colour of the text; its words are its LaTeX."""
     drawn = Latex(latex, size=17.0, color="currentColor", inline=inline)
-    look = (
-        f'role="img" aria-label="{escape(latex)}" style="vertical-align: {drawn.getyofst():.1f}px"'
-    )
+    look = f'role="img" aria-label="{escape(latex)}"'
+    look += f' style="vertical-align: {drawn.getyofst():.1f}px"'
     return str(drawn.svg()).replace("<svg ", f"<svg {look} ", 1)
 
 
 def inline(writer: Any, node: nodes.math) -> None:
     """Write a formula in a line."""
-    writer.body.append(f'<span class="math">{drawing(node.astext(), inline=True)}</span>')
+    writer.body.append(
+        f'<span class="math">{drawing(node.astext(), inline=True)}</span>'
+    )
     raise nodes.SkipNode
 
 

@@ -1,8 +1,10 @@
-"""Write the pages of the site and run Sphinx on them: ``python docs/generate.py BUILD SITE``.
+"""Write the pages of the site and run Sphinx on them: ``python docs/generate.py BUILD
+SITE``.
 
     executed notebooks in BUILD, the folder of figures, docs/ -> BUILD/pages -> SITE
 
-``python docs/generate.py --readme`` writes the results into README.md, and figures/README.md.
+``python docs/generate.py --readme`` writes the results into README.md, and
+figures/README.md.
 """
 
 import re
@@ -24,8 +26,9 @@ from kilnflight.store import index, paths
 from kilnflight.store.cache import write_whole
 
 DOCS = Path(__file__).parent
-# How work and place of its claims begin: title, number of the notebook whose result is shown
-# Title: where its claims stand, notebooks whose results are shown, a table to read first
+# How work and place of its claims begin: title, number of the notebook whose result is
+# shown Title: where its claims stand, notebooks whose results are shown, a table to
+# read first
 CHAPTERS = {
     "Detection": ("thesis (3|5[.]1|6)", ("24",), "detection-scores"),
     "Tracking": ("thesis (4[.]2|5[.]2)", ("32",), "table-5-17-tracking"),
@@ -35,7 +38,11 @@ CHAPTERS = {
     "Belt": ("belt-", ("40",), "fig-belt20-9-arrival"),
     "Misprints": ("misprint", ("00",), "errata"),
 }
-STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}  # of the figures' ids
+STEMS = {
+    "thesis": "",
+    "belt-2020": "belt20-",
+    "belt-2016": "belt16-",
+}  # of the figures' ids
 LONGEST = 150  # rows of a table that a page shows
 
 
@@ -63,12 +70,18 @@ def render(template: str, **values: Any) -> str:
 
 def saved() -> dict[str, dict[str, Any]]:
     """Return the saved figures and tables by id, as the templates show them."""
-    folder, found = paths.figures(), {}
+    folder = paths.figures()
+    found = {}
     cff = (paths.root() / "CITATION.cff").read_text()
     url = re.search(r'^repository-code: *"?([^"\s]+)', cff, re.M)
     for name, entry in index.load()["figures"].items():
-        origin, sentence = entry["provenance"], r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
-        kinds = [kind for kind in ("png", "csv", "pdf") if (folder / f"{name}.{kind}").is_file()]
+        origin = entry["provenance"]
+        sentence = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
+        kinds = [
+            kind
+            for kind in ("png", "csv", "pdf")
+            if (folder / f"{name}.{kind}").is_file()
+        ]
         each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
         each["title"] = re.split(sentence, entry["caption"], maxsplit=1)[0].rstrip(".")
         each["scale"] = origin["parameters"].get("scale", "full")
@@ -79,17 +92,23 @@ def saved() -> dict[str, dict[str, Any]]:
             each["cited"]["LaTeX"] = render("latex", **each)
             with Image.open(folder / f"{name}.png") as image:
                 shown = figures.SCREEN_DPI / image.info["dpi"][0]
-                each["width"], each["height"] = (round(shown * size) for size in image.size)
+                each["width"], each["height"] = (
+                    round(shown * size) for size in image.size
+                )
         found[name] = each
     return found
 
 
 def table(name: str, folder: Path | None = None) -> str:
-    """Return a saved table as HTML, numbers with four digits; rows of claims.csv have anchors."""
+    """Return a saved table as HTML, numbers with four digits; rows of claims.csv have
+    anchors.
+    """
     path = (folder or paths.figures()) / f"{name}.csv"
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
     text = rows.head(LONGEST).to_html(index=False, border=0)
-    text = re.sub(r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)", lambda found: f"{float(found[0]):.4g}", text)
+    text = re.sub(
+        r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)", lambda found: f"{float(found[0]):.4g}", text
+    )
     text = re.sub(r"<td>(\d\d_\w+)</td>", r'<td><a href="\1.html">\1</a></td>', text)
     if name == "claims":
         text = re.sub(r"<tr>(\s*<td>)([\w-]+)<", r'<tr id="\2">\1\2<', text)
@@ -104,8 +123,13 @@ def block(each: dict[str, Any]) -> str:
 
 def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
     """Return an executed notebook with folded code and linked figures, each once."""
-    notebook, cells = nbformat.read(path, as_version=4), []
-    left = {name for name, each in known.items() if each["provenance"]["notebook"] == path.stem}
+    notebook = nbformat.read(path, as_version=4)
+    cells = []
+    left = {
+        name
+        for name, each in known.items()
+        if each["provenance"]["notebook"] == path.stem
+    }
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.metadata["tags"] = ["hide-input"]
@@ -125,16 +149,26 @@ def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
 
 
 def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the figures and tables of the works, each with the saved ones that show it."""
-    rows = pd.read_csv(paths.reference() / "numbers.csv", dtype=str, keep_default_na=False)
+    """Return the figures and tables of the works, each with the saved ones that show
+    it.
+    """
+    rows = pd.read_csv(
+        paths.reference() / "numbers.csv", dtype=str, keep_default_na=False
+    )
     listed = rows.to_dict("records")
     for row in listed:
         row["label"] = f"{row['kind'].replace('Fig', 'Fig.')} {row['number']}"
-        stem = f"{row['kind']}-{STEMS[row['work']]}{row['number']}-".lower().replace(".", "-")
-        row["figures"] = [each for name, each in known.items() if f"{name}-".startswith(stem)]
+        stem = f"{row['kind']}-{STEMS[row['work']]}{row['number']}-".lower().replace(
+            ".", "-"
+        )
+        row["figures"] = [
+            each for name, each in known.items() if f"{name}-".startswith(stem)
+        ]
         pictures = [each for each in row["figures"] if each["kind"] == "picture"]
         row["thumbnail"] = pictures[0] if pictures else None
-    places = {(row["work"], f"drawn with {row['label']}"): row["figures"] for row in listed}
+    places = {
+        (row["work"], f"drawn with {row['label']}"): row["figures"] for row in listed
+    }
     for row in listed:
         row["figures"] = places.get((row["work"], row["absent"]), row["figures"])
     return listed
@@ -143,31 +177,52 @@ def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
 def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return verdict counts and one result of each chapter, and all counts."""
     judged = verdicts.collect().join(claims.load()[["work", "where"]], on="id")
-    where, concluded = judged["work"] + " " + judged["where"], index.load()["notebooks"]
+    where = judged["work"] + " " + judged["where"]
+    concluded = index.load()["notebooks"]
     rows = []
     for title, (start, chosen, shown) in CHAPTERS.items():
-        results = [each["result"] for stem, each in concluded.items() if stem.startswith(chosen)]
+        results = [
+            each["result"]
+            for stem, each in concluded.items()
+            if stem.startswith(chosen)
+        ]
         part = judged[where.str.match(start)]
-        row = {"title": title, "claims": len(part), "result": " ".join(results), "shown": shown}
+        row = {
+            "title": title,
+            "claims": len(part),
+            "result": " ".join(results),
+            "shown": shown,
+        }
         rows.append(row | claims.count(part))
     return rows, {"claims": len(judged), **claims.count(judged)}
 
 
 def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
-    """Write the sources of the site and the thumbnails; return the scales of the figures."""
-    known, concluded = saved(), index.load()["notebooks"]
+    """Write the sources of the site and the thumbnails; return the scales of the
+    figures.
+    """
+    known = saved()
+    concluded = index.load()["notebooks"]
     (pages / "documents").mkdir(parents=True)
     small.mkdir()
-    notebooks = [path for path in sorted(executed.glob("*.ipynb")) if path.stem in concluded]
+    notebooks = [
+        path for path in sorted(executed.glob("*.ipynb")) if path.stem in concluded
+    ]
     for path in notebooks:
         nbformat.write(page(path, known), pages / path.name)
     stems = [path.stem for path in notebooks]
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
-        shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
+        shutil.copy(
+            path, pages if path.stem in ("index", "api") else pages / "documents"
+        )
     for name in ("benchmarks", "cost-by-step", "growth"):  # of make bench, at one scale
         there = (paths.root() / "figures" / f"{name}.csv").is_file()
-        text = table(name, paths.root() / "figures") if there else "<p>Not measured here.</p>"
+        text = (
+            table(name, paths.root() / "figures")
+            if there
+            else "<p>Not measured here.</p>"
+        )
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
     (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
@@ -197,15 +252,46 @@ def build(executed: Path, site: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     whole = (executed / "00_claims.ipynb").is_file()
     scales = (write_pages if whole else write_page)(executed, pages, small)
-    told = f"A reduced run (scale {' and '.join(scales)}): little input, other numbers. Cite from "
-    banner = f"html_theme_options.announcement={told + 'make full only.' if scales else ''}"
-    options = ["-q", "-W", "--keep-going", "--no-color", "-j", "auto", "-D", banner, "-c", DOCS]
-    command = [sys.executable, "-m", "sphinx", *options, "-d", executed / "doctrees", pages, fresh]
+    told = (
+        f"A reduced run (scale {' and '.join(scales)}): little input, other numbers. "
+        "Cite from "
+    )
+    banner = (
+        f"html_theme_options.announcement={told + 'make full only.' if scales else ''}"
+    )
+    options = [
+        "-q",
+        "-W",
+        "--keep-going",
+        "--no-color",
+        "-j",
+        "auto",
+        "-D",
+        banner,
+        "-c",
+        DOCS,
+    ]
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        *options,
+        "-d",
+        executed / "doctrees",
+        pages,
+        fresh,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     (executed / "site.log").write_text(done.stdout + done.stderr)
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "WARNING" in line or "rror" in line]
-        raise InputError(f"{lines[0] if lines else 'Sphinx failed'} (all: {executed}/site.log)")
+        lines = [
+            line
+            for line in done.stderr.splitlines()
+            if "WARNING" in line or "rror" in line
+        ]
+        raise InputError(
+            f"{lines[0] if lines else 'Sphinx failed'} (all: {executed}/site.log)"
+        )
     shutil.copytree(small, fresh / "figures" / "thumbnails")
     for path in paths.figures().iterdir():
         if path.suffix in (".png", ".pdf", ".csv"):
@@ -218,18 +304,25 @@ def readme() -> tuple[str, str]:
     """Return README.md with the current results, and figures/README.md."""
     listed, total = chapters()
     block = render("results.md", chapters=listed, total=total)
-    first, last = block.splitlines()[0], block.splitlines()[-1]
-    found = re.fullmatch(f"(.*){first}.*{last}(.*)", (paths.root() / "README.md").read_text(), re.S)
+    first = block.splitlines()[0]
+    last = block.splitlines()[-1]
+    found = re.fullmatch(
+        f"(.*){first}.*{last}(.*)", (paths.root() / "README.md").read_text(), re.S
+    )
     if found is None:
         raise InputError(f"README.md: restore its lines {first!r} and {last!r}.")
     concluded = index.load()["notebooks"]
-    return found[1] + block + found[2], render("gallery.md", figures=saved(), notebooks=concluded)
+    return found[1] + block + found[2], render(
+        "gallery.md", figures=saved(), notebooks=concluded
+    )
 
 
 if __name__ == "__main__":
     try:
         if sys.argv[1:] == ["--readme"]:
-            for folder, text in zip((paths.root(), paths.figures()), readme(), strict=True):
+            for folder, text in zip(
+                (paths.root(), paths.figures()), readme(), strict=True
+            ):
                 write_whole(folder / "README.md", text.encode())
         else:
             build(Path(sys.argv[1]), Path(sys.argv[2]))

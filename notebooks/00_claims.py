@@ -1,16 +1,19 @@
 # %% [markdown]
 # # Verdicts and errata: which printed claims hold, which printed numbers cannot
 #
-# **The work.** The thesis and the two belt papers claim how well particles are seen, followed and
-# predicted. Tables 5.2 to 5.14 of the thesis count hits and misses, and derive precision and F1.
+# **The work.** The thesis and the two belt papers claim how well particles are seen,
+# followed and predicted. Tables 5.2 to 5.14 of the thesis count hits and misses, and
+# derive precision and F1.
 #
-# **Here.** The verdicts of all other notebooks, by chapter; a claim that no test decides is open.
-# Every printed number that other printed numbers determine is computed again.
+# **Here.** The verdicts of all other notebooks, by chapter; a claim that no test
+# decides is open. Every printed number that other printed numbers determine is computed
+# again.
 #
 # **One number.** F1 of QCC at K = 30, alpha = 0.1: 0.6210 printed, 0.5808 here.
 #
-# **What disagrees.** The claims marked "not reproduced", and 19 of 329 recomputed numbers. By its
-# own counts QCC is not the best 3D method. Claims that are not tested stand in docs/limits.md.
+# **What disagrees.** The claims marked "not reproduced", and 19 of 329 recomputed
+# numbers. By its own counts QCC is not the best 3D method. Claims that are not tested
+# stand in docs/limits.md.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; named in the provenance only
@@ -48,7 +51,9 @@ inputs = [*published, paths.reference() / "statements.csv"]
 origin = figures.trace("00_claims", {"scale": scale}, inputs=inputs, mark="")
 table = verdicts.collect()
 chapter = table["id"].str.split("-").str[0].map(chapters)
-counts = pd.crosstab(chapter, table["verdict"]).reindex(list(chapters.values()), fill_value=0)
+counts = pd.crosstab(chapter, table["verdict"]).reindex(
+    list(chapters.values()), fill_value=0
+)
 counts.reindex(columns=list(claims.VERDICTS), fill_value=0)
 
 # %% [markdown]
@@ -61,28 +66,51 @@ table.loc[table["verdict"] == "not reproduced", "because"].value_counts()
 # ## All claims
 
 # %%
-caption = "Every claim with its verdict, what was measured, the notebook that tests it and why."
+caption = (
+    "Every claim with its verdict, what was measured, the notebook that tests it and "
+    "why."
+)
 figures.save("claims", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Was what was put in measured?
 #
-# The tables of dwell time, velocity and ignition in one. Recovered: yes, no, or open, as the
-# interval of measured minus true lies within 10 % of a median or 5 points of a share, outside, or
-# across the bound.
+# The tables of dwell time, velocity and ignition in one. Recovered: yes, no, or open,
+# as the interval of measured minus true lies within 10 % of a median or 5 points of a
+# share, outside, or across the bound.
 
 # %%
-parts = [paths.figures() / f"{name}-recovery.csv" for name in ("dwell", "velocity", "ignition")]
-flown = pd.concat([pd.read_csv(part) for part in parts if part.is_file()], ignore_index=True)
+parts = [
+    paths.figures() / f"{name}-recovery.csv"
+    for name in ("dwell", "velocity", "ignition")
+]
+flown = pd.concat(
+    [pd.read_csv(part) for part in parts if part.is_file()], ignore_index=True
+)
 flown = flown.rename(columns={"outcome": "quantity", "verdict": "recovered"})
 flown["recovered"] = flown["recovered"].replace({"recovered": "yes", "biased": "no"})
-names = flown["fraction"] + " " + flown["pressure_bar"].astype(str) + " " + flown["quantity"]
+names = (
+    flown["fraction"]
+    + " "
+    + flown["pressure_bar"].astype(str)
+    + " "
+    + flown["quantity"]
+)
 flown.insert(0, "id", names.str.replace(r"[^\w.]+", "-", regex=True).str.strip("-"))
-order = ["id", "fraction", "pressure_bar", "quantity", "printed", "put_in", "true", "measured"]
+order = [
+    "id",
+    "fraction",
+    "pressure_bar",
+    "quantity",
+    "printed",
+    "put_in",
+    "true",
+    "measured",
+]
 flown = flown[[*order, "low", "high", "recovered"]]
 caption = (
-    "Flight and ignition: printed, put in, true in the recordings and measured; low and high: "
-    "95 % interval of measured minus true."
+    "Flight and ignition: printed, put in, true in the recordings and measured; low "
+    "and high: 95 % interval of measured minus true."
 )
 figures.save("flight-recovery", flown, caption=caption, provenance=origin)
 
@@ -95,15 +123,17 @@ pd.crosstab(flown["quantity"].str.split().str[0], flown["recovered"])
 # %%
 checks = errata.recompute()
 source = checks["where"].str.split(",").str[0]
-per_source = checks.groupby([source, "kind"], sort=False)["agrees"].agg(checked="size", agree="sum")
+per_source = checks.groupby([source, "kind"], sort=False)["agrees"].agg(
+    checked="size", agree="sum"
+)
 per_source["disagree"] = per_source["checked"] - per_source["agree"]
 per_source
 
 # %% [markdown]
 # ## Errata
 #
-# One row for each printed value that cannot be right, with its correction, and whether a conclusion
-# depends on it.
+# One row for each printed value that cannot be right, with its correction, and whether
+# a conclusion depends on it.
 
 # %%
 wrong = checks[~checks["agrees"]].reset_index(drop=True)
@@ -125,27 +155,33 @@ figures.save("errata", wrong, caption=caption, provenance=origin)
 
 # %%
 caption = (
-    "Every published number that others determine, beside its recomputed value. "
-    "A value agrees when it is off by no more than half a unit of its last printed digit."
+    "Every published number that others determine, beside its recomputed value. A "
+    "value agrees when it is off by no more than half a unit of its last printed digit."
 )
 figures.save("published-recomputed", checks, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The best 3D method
 #
-# The thesis ranks its three clusterers by their best F1. As printed, QCC leads at K = 30, alpha =
-# 0.1. That entry does not follow from its own counts. Recomputed, DBSCAN leads.
+# The thesis ranks its three clusterers by their best F1. As printed, QCC leads at K =
+# 30, alpha = 0.1. That entry does not follow from its own counts. Recomputed, DBSCAN
+# leads.
 
 # %%
-f1 = checks[(checks["quantity"] == "f1") & source.isin(["Table 5.8", "Table 5.9", "Table 5.10"])]
+f1 = checks[
+    (checks["quantity"] == "f1") & source.isin(["Table 5.8", "Table 5.9", "Table 5.10"])
+]
 f1 = f1.astype({"printed": float, "recomputed": float})
 best = f1.groupby(source[f1.index])[["printed", "recomputed"]].idxmax()
-f1.loc[sorted({*best["printed"], *best["recomputed"]}), ["where", "printed", "recomputed"]]
+f1.loc[
+    sorted({*best["printed"], *best["recomputed"]}), ["where", "printed", "recomputed"]
+]
 
 # %% [markdown]
 # ## Equation 2.4 at its breakpoints
 #
-# The three polynomials of the depth calibration do not meet. Notebook 02 shows what follows.
+# The three polynomials of the depth calibration do not meet. Notebook 02 shows what
+# follows.
 
 # %%
 equation = checks[checks["where"].str.contains("Eq. 2.4")]
@@ -159,8 +195,9 @@ number, every = wrong["kind"] == "number", (checks["kind"] == "number").sum()
 last = (wrong["consequence"] == "no: last digits only").sum()
 touching = wrong["consequence"].str.match("yes|in part").sum()
 result = (
-    f"{number.sum()} of {every} printed numbers do not follow from those around them ({last} in "
-    f"the last digit). {(~number).sum()} sentences, signs or captions contradict their context. "
-    f"{touching} touch a conclusion: by its own counts QCC is the worst 3D method, not the best."
+    f"{number.sum()} of {every} printed numbers do not follow from those around them "
+    f"({last} in the last digit). {(~number).sum()} sentences, signs or captions "
+    f"contradict their context. {touching} touch a conclusion: by its own counts QCC "
+    "is the worst 3D method, not the best."
 )
 figures.conclude(result, [], origin)

@@ -1,17 +1,19 @@
 # %% [markdown]
 # # What the works do not print, and what depends on it
 #
-# **The work.** A thesis and two papers describe methods. Whoever builds them again has to decide
-# what no page says: a unit, a constant, who is scored, how bright a flame is.
+# **The work.** A thesis and two papers describe methods. Whoever builds them again has
+# to decide what no page says: a unit, a constant, who is scored, how bright a flame is.
 #
-# **Here.** Each such choice, what decides it, and the result with our value and with another one.
-# A verdict that turns with a choice that neither text nor tools decide is open.
+# **Here.** Each such choice, what decides it, and the result with our value and with
+# another one. A verdict that turns with a choice that neither text nor tools decide is
+# open.
 #
 # **One number.** There is no number to compare.
 #
-# **What disagrees.** No choice was made blind: trials had shown which verdicts turn (but for the
-# claim depth-6). So the order was fixed: texts and tools, the simulation, values that printed
-# numbers identify, then the tests. What came after tests had been seen stands at the end.
+# **What disagrees.** No choice was made blind: trials had shown which verdicts turn
+# (but for the claim depth-6). So the order was fixed: texts and tools, the simulation,
+# values that printed numbers identify, then the tests. What came after tests had been
+# seen stands at the end.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; named in the provenance only
@@ -28,12 +30,14 @@ from kilnflight.store import paths
 #
 # 1. **Text**: a sentence, a caption or an axis of the work.
 # 2. **Tools** of the authors: MATLAB's difference of two uint16 pictures stops at zero.
-# 3. **Identified**: the value at which a printed number comes out best, which then tests nothing.
-#    It need not fit well: T2 misses its eight numbers by 0.17, and the next values are as near.
+# 3. **Identified**: the value at which a printed number comes out best, which then
+#    tests nothing. It need not fit well: T2 misses its eight numbers by 0.17, and the
+#    next values are as near.
 # 4. **Assumption**: nothing decides, and the choice is ours.
 #
-# A text often decides between two values without giving a size. The sizes of D6, D10, T6 and F6 are
-# ours: inputs of the simulation (notebook 10), and twice the speed of the lance's air.
+# A text often decides between two values without giving a size. The sizes of D6, D10,
+# T6 and F6 are ours: inputs of the simulation (notebook 10), and twice the speed of the
+# lance's air.
 
 # %%
 inputs = [paths.reference() / name for name in ("choices.csv", "claims.csv")]
@@ -44,13 +48,14 @@ table["decided_by"].value_counts().reindex(list(choices.DECIDED_BY))
 # %% [markdown]
 # ## All choices
 #
-# The evidence names lines of the thesis (T:1504) or the printed number that identified a value.
+# The evidence names lines of the thesis (T:1504) or the printed number that identified
+# a value.
 
 # %%
 caption = (
-    "What no work prints: our choice, other values, what decides, and all results with either "
-    "value, in the order of their quantities. The last columns name the claims whose verdict "
-    "differs and the notebooks that compare."
+    "What no work prints: our choice, other values, what decides, and all results with "
+    "either value, in the order of their quantities. The last columns name the claims "
+    "whose verdict differs and the notebooks that compare."
 )
 figures.save("choices", table, caption=caption, provenance=origin)
 
@@ -73,7 +78,10 @@ columns = {"id": "choice", "quantity": "quantity", "chosen": "ours", "other": "o
 compared = pd.DataFrame(choices.compared(), columns=[*columns, "turns", "notebook"])
 results = compared[[*columns, "notebook"]].rename(columns=columns)
 results = results.sort_values("choice", key=in_order, kind="stable", ignore_index=True)
-caption = "Results with our value of each choice and with the other one, by quantity and notebook."
+caption = (
+    "Results with our value of each choice and with the other one, by quantity and "
+    "notebook."
+)
 figures.save("choices-results", results, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -81,10 +89,11 @@ figures.save("choices-results", results, caption=caption, provenance=origin)
 #
 # Each row is a claim whose verdict differs with the other value of a choice.
 #
-# D10, T6, F3 and F4 were not tried on the whole chain: all campaigns would have to be made and
-# measured again, an hour for each. On true paths, as the camera sees them, no verdict on velocities
-# turns with D10, F3 or F4 (notebook 10). Choices of detection were tried on labelled frames, not on
-# tracks. Eight more settings of the trackers are assumptions that were not tried (notebook 32).
+# D10, T6, F3 and F4 were not tried on the whole chain: all campaigns would have to be
+# made and measured again, an hour for each. On true paths, as the camera sees them, no
+# verdict on velocities turns with D10, F3 or F4 (notebook 10). Choices of detection
+# were tried on labelled frames, not on tracks. Eight more settings of the trackers are
+# assumptions that were not tried (notebook 32).
 
 # %%
 judged = verdicts.collect().set_index("id")
@@ -93,15 +102,24 @@ rows = {}
 for each in choices.compared():
     for claim, both in each["turns"].items():
         ours, _, other = both.partition(" -> ")
-        row = {"choice": each["id"], "decided_by": decided_by[each["id"]], "claim": claim}
-        row |= {"ours": ours, "other": other, **judged.loc[claim, ["verdict", "published"]]}
+        row = {
+            "choice": each["id"],
+            "decided_by": decided_by[each["id"]],
+            "claim": claim,
+        }
+        row |= {
+            "ours": ours,
+            "other": other,
+            **judged.loc[claim, ["verdict", "published"]],
+        }
         rows[each["id"], claim, other] = row
 names = ["choice", "decided_by", "claim", "ours", "other", "verdict", "published"]
 turning = pd.DataFrame(rows.values(), columns=names)
 turning = turning.sort_values("choice", key=in_order, kind="stable", ignore_index=True)
 caption = (
-    "Claims whose verdict differs: with our value of a choice, with the other, and the one that "
-    "stands. Where neither text nor tools decide the choice, the claim is open."
+    "Claims whose verdict differs: with our value of a choice, with the other, and the "
+    "one that stands. Where neither text nor tools decide the choice, the claim is "
+    "open."
 )
 figures.save("choices-verdicts", turning, caption=caption, provenance=origin)
 
@@ -121,21 +139,26 @@ asked[["id", "where", "not_printed", "chosen"]]
 
 # %%
 in_full = paths.figures() / "absolute-difference.csv"
-pd.read_csv(in_full).query("subset == 'Total'") if in_full.is_file() else "Run notebook 24."
+pd.read_csv(in_full).query(
+    "subset == 'Total'"
+) if in_full.is_file() else "Run notebook 24."
 
 # %% [markdown]
 # ## Steps of the work
 #
-# Each step has the commit at which it was fixed, and a checksum of the inputs there. The tests ran
-# on step d; notebooks that ran again later carry their own commit in the caption. What follows was
-# changed after tests had been seen:
+# Each step has the commit at which it was fixed, and a checksum of the inputs there.
+# The tests ran on step d; notebooks that ran again later carry their own commit in the
+# caption. What follows was changed after tests had been seen:
 #
-# - T8 was decided. T7 and F7 were called assumptions: no sentence gives rate, depth or test.
+# - T8 was decided. T7 and F7 were called assumptions: no sentence gives rate, depth or
+#   test.
 # - The clutter (D9) was called identified, and F6 got its 32 m/s.
-# - The limits of Eq. 4.14 (T2) were tried again with the scores of T8: the same pair is nearest.
-# - combi-5 is judged on the mean of all six gains, as its sentence says, for both kinds apart.
-# - track-1 counts 24 cells for 32: the raw JSC_theta had become inputs. fit-4 is judged by adjusted
-#   R2.
+# - The limits of Eq. 4.14 (T2) were tried again with the scores of T8: the same pair is
+#   nearest.
+# - combi-5 is judged on the mean of all six gains, as its sentence says, for both kinds
+#   apart.
+# - track-1 counts 24 cells for 32: the raw JSC_theta had become inputs. fit-4 is judged
+#   by adjusted R2.
 
 # %%
 pd.read_csv(paths.reference() / "freezes.csv")
@@ -143,7 +166,8 @@ pd.read_csv(paths.reference() / "freezes.csv")
 # %%
 count = turning["claim"].nunique()
 result = (
-    f"{len(table)} choices decide what no work prints, {len(asked)} of them by a number or an "
-    f"assumption alone. {count} of {len(judged)} verdicts differ with another value."
+    f"{len(table)} choices decide what no work prints, {len(asked)} of them by a "
+    f"number or an assumption alone. {count} of {len(judged)} verdicts differ with "
+    "another value."
 )
 figures.conclude(result, [], origin)

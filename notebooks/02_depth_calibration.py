@@ -1,16 +1,18 @@
 # %% [markdown]
 # # Depth calibration: Eq. 2.4 jumps at 3 m and reverses the order of depths before it
 #
-# **The work.** A plate with dots stood at 1, 2, ..., 11 m (thesis, section 2.1.5). From 6 m to 8 m
-# the captured depth was off by about 0.3 m (Fig. 2.15). Three quadratics, Eq. 2.4, correct it.
+# **The work.** A plate with dots stood at 1, 2, ..., 11 m (thesis, section 2.1.5). From
+# 6 m to 8 m the captured depth was off by about 0.3 m (Fig. 2.15). Three quadratics,
+# Eq. 2.4, correct it.
 #
-# **Here.** The equation is examined as printed. The measurements of the plate are not public, so a
-# simulated camera sees it. Its depth is the inverse of Eq. 2.4 with the scatter that the text
-# describes. Both are inputs, so the plate tests no claim.
+# **Here.** The equation is examined as printed. The measurements of the plate are not
+# public, so a simulated camera sees it. Its depth is the inverse of Eq. 2.4 with the
+# scatter that the text describes. Both are inputs, so the plate tests no claim.
 #
 # **One number.** Error of the captured depth at 7 m: 300 mm printed, 358 mm here.
 #
-# **What disagrees.** A calibration should be continuous and rise. Eq. 2.4 does neither near 3 m.
+# **What disagrees.** A calibration should be continuous and rise. Eq. 2.4 does neither
+# near 3 m.
 #
 # $$
 # f(z) = \begin{cases}
@@ -57,21 +59,26 @@ found = {
     "true depth at the maximum before the fall": float(published(falling.min())),
     "negative below a captured depth of": camera.captured_depths(0.0)[0],
 }
-limits = pd.DataFrame({"quantity": list(found), "millimetres": list(found.values())}).round(1)
-caption = "Where Eq. 2.4 jumps, falls and turns negative. A calibration should do none of these."
+limits = pd.DataFrame(
+    {"quantity": list(found), "millimetres": list(found.values())}
+).round(1)
+caption = (
+    "Where Eq. 2.4 jumps, falls and turns negative. A calibration should do none of "
+    "these."
+)
 figures.save("eq-2-4-limits", limits, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The plate before calibration (Figs 2.14 and 2.15)
 #
-# A true depth of 3 m has two captured depths. The one nearer to the truth is taken, since the
-# text says that the median at 3 m is close to the actual value. Between the plates, and beyond
-# them, the captured depth lies on the line through theirs.
+# A true depth of 3 m has two captured depths. The one nearer to the truth is taken,
+# since the text says that the median at 3 m is close to the actual value. Between the
+# plates, and beyond them, the captured depth lies on the line through theirs.
 #
-# The plate stands across the line of sight, and the camera finds depth at the edges of its dots.
-# The error of a patch of the picture is common to its points and heavy-tailed ("lots of
-# outliers"). The scatter is an input, after the words of section 2.1.5: that it reappears validates
-# nothing.
+# The plate stands across the line of sight, and the camera finds depth at the edges of
+# its dots. The error of a patch of the picture is common to its points and heavy-tailed
+# ("lots of outliers"). The scatter is an input, after the words of section 2.1.5: that
+# it reappears validates nothing.
 
 # %%
 DOT_MM = 14.0  # diameter
@@ -79,7 +86,9 @@ PITCH_MM = 28.0  # of the dots
 HALF_PLATE_MM = 420.0  # of the plate, a square; Fig. 2.13 gives no number
 PATCH_PX = 28  # of the picture, over which the error is common; assumption
 WHITE_MM = 0.6  # error of a point; more would contradict Fig. 5.7
-FAR_ERROR, NEAR_MM, NEAR_ERROR_MM = 0.022, (2600.0, 3400.0), 350.0  # relative; ranges of sec. 2.1.5
+FAR_ERROR = 0.022
+NEAR_MM = (2600.0, 3400.0)
+NEAR_ERROR_MM = 350.0  # relative; ranges of sec. 2.1.5
 TAIL = 4.0  # degrees of freedom of Student's t
 
 
@@ -102,13 +111,17 @@ def see_plate(distance_mm, points, generator):
     dots = np.round(generator.uniform(-half, half, (points, 2)) / PITCH_MM) * PITCH_MM
     angle = generator.uniform(0.0, 2 * np.pi, points)
     edge = dots + DOT_MM / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    place = np.column_stack([np.clip(edge, -half_view, half_view), np.full(points, distance_mm)])
+    place = np.column_stack(
+        [np.clip(edge, -half_view, half_view), np.full(points, distance_mm)]
+    )
     row, column = geometry.project(place)
     patch = np.stack([row // PATCH_PX, column // PATCH_PX], axis=1)
     patches, number = np.unique(patch, axis=0, return_inverse=True)
     common = generator.standard_t(TAIL, len(patches)) / np.sqrt(TAIL / (TAIL - 2))
     near = NEAR_MM[0] < distance_mm < NEAR_MM[1]
-    error = common[number.reshape(-1)] * (NEAR_ERROR_MM if near else FAR_ERROR * distance_mm)
+    error = common[number.reshape(-1)] * (
+        NEAR_ERROR_MM if near else FAR_ERROR * distance_mm
+    )
     error = error + WHITE_MM * generator.standard_normal(points)
     return geometry.unproject(row, column, captured_mm(distance_mm + error))
 
@@ -129,20 +142,33 @@ plates["median_error_mm"] = plates["median_mm"] - 1000.0 * metres
 picture, ((axes,),) = style.canvas(height_mm=70)
 clouds = [see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
 for cloud, m in zip(clouds, metres, strict=True):
-    axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
+    axes.plot(
+        cloud[:, 2] / 1000,
+        cloud[:, 0] / 1000,
+        ".",
+        ms=1,
+        color="k" if m % 2 else "#D55E00",
+    )
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
 caption = (
-    "Simulated point clouds of the test plate at 1 m to 11 m, seen from above (Fig. 2.14). Colours "
-    "change from plate to plate (odd metres black)."
+    "Simulated point clouds of the test plate at 1 m to 11 m, seen from above (Fig. "
+    "2.14). Colours change from plate to plate (odd metres black)."
 )
 table = pd.DataFrame(np.concatenate(clouds), columns=["x_mm", "y_mm", "z_captured_mm"])
 table.insert(0, "true_m", np.repeat(metres, 400))
-figures.save("fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
 axes.axhline(0, color="0.6", ls="-", label="true depth")
-thin = {"marker": "+", "markersize": 2, "markeredgewidth": 0.4, "markeredgecolor": "0.5"}
+thin = {
+    "marker": "+",
+    "markersize": 2,
+    "markeredgewidth": 0.4,
+    "markeredgecolor": "0.5",
+}
 boxes = cbook.boxplot_stats((captured - true).T / 1000)
 for box in boxes:  # more outliers would only blacken the picture
     box["fliers"] = np.random.default_rng(seed).permutation(box["fliers"])[:60]
@@ -155,17 +181,21 @@ axes.set(xlabel="distance of the plate (m)", ylabel="captured minus true depth (
 axes.set(ylim=(-3, 3), xlim=(0.3, 11.7), xticks=metres, xticklabels=range(1, 12))
 axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 caption = (
-    "Captured depth of the simulated test plate, after Fig. 2.15. Boxes: quartiles and whiskers of "
-    "the points (at most 60 outliers shown); diamonds: what Eq. 2.4 maps to the truth. "
-    "Centres and scatter are inputs, taken from Eq. 2.4 and the words of section 2.1.5."
+    "Captured depth of the simulated test plate, after Fig. 2.15. Boxes: quartiles and "
+    "whiskers of the points (at most 60 outliers shown); diamonds: what Eq. 2.4 maps "
+    "to the truth. Centres and scatter are inputs, taken from Eq. 2.4 and the words of "
+    "section 2.1.5."
 )
-figures.save("fig-2-15-plate-depth", plates, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-2-15-plate-depth", plates, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## The plate after calibration (Fig. 2.16)
 #
-# Beside Eq. 2.4 stand three fits to the plate by least squares with the same breakpoints: `free` to
-# jump, `continuous`, and `medians`, continuous through the eleven medians only.
+# Beside Eq. 2.4 stand three fits to the plate by least squares with the same
+# breakpoints: `free` to jump, `continuous`, and `medians`, continuous through the
+# eleven medians only.
 
 # %%
 fits = {
@@ -183,26 +213,36 @@ picture, ((axes,),) = style.canvas(height_mm=62)
 axes.plot([0, 12], [0, 12], "--", color="0.6", label="expected")
 axes.plot(metres, medians / 1000, "o-", color="#0072B2", label="captured (median)")
 calibrated = metres + errors["printed_mm"] / 1000
-axes.plot(metres, calibrated, "s", color="#E69F00", mfc="white", ls=":", label="after Eq. 2.4")
-axes.set(xlabel="distance of the plate (m)", ylabel="depth (m)", xlim=(0, 12), ylim=(0, 12))
+axes.plot(
+    metres, calibrated, "s", color="#E69F00", mfc="white", ls=":", label="after Eq. 2.4"
+)
+axes.set(
+    xlabel="distance of the plate (m)", ylabel="depth (m)", xlim=(0, 12), ylim=(0, 12)
+)
 axes.set_aspect("equal")
 axes.legend(loc="upper left")
 caption = (
-    "Median depth of the simulated plate before and after Eq. 2.4, after Fig. 2.16. At 3 m the "
-    "scatter crosses the breakpoint; after calibration the median is further off than before."
+    "Median depth of the simulated plate before and after Eq. 2.4, after Fig. 2.16. At "
+    "3 m the scatter crosses the breakpoint; after calibration the median is further "
+    "off than before."
 )
-figures.save("fig-2-16-calibration", errors, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-2-16-calibration", errors, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## What a continuous fit would have changed
 #
-# Between the plates, the captured depth of a true depth is read off the line through the medians.
+# Between the plates, the captured depth of a true depth is read off the line through
+# the medians.
 
 # %%
 between = np.arange(1000.0, 11001.0, 10.0)
 seen = np.interp(between, 1000.0 * metres, medians)
 largest = {name: np.abs(fit(seen) - between).max() for name, fit in fits.items()}
-faults = pd.DataFrame({name: fit.jumps() for name, fit in fits.items()}, ["at 3 m", "at 5 m"]).T
+faults = pd.DataFrame(
+    {name: fit.jumps() for name, fit in fits.items()}, ["at 3 m", "at 5 m"]
+).T
 faults["falls over"] = [np.ptp(fit.falling(1300.0, 11000.0)) for fit in fits.values()]
 faults["largest error"] = pd.Series(largest)
 faults.round(0)  # mm

@@ -1,16 +1,17 @@
 # %% [markdown]
 # # Simulated kiln: particles fly and burn as printed, so that the method can be checked
 #
-# **The work.** The thesis prints how fast and how far particles fly, when they ignite, and how
-# many a frame shows (sections 5.1 and 5.3). Its recordings are not public.
+# **The work.** The thesis prints how fast and how far particles fly, when they ignite,
+# and how many a frame shows (sections 5.1 and 5.3). Its recordings are not public.
 #
-# **Here.** The printed numbers are put into simulated recordings whose truth is known. Nothing is
-# claimed on the fuel. Measured minus true is the error of the method, which other notebooks show.
+# **Here.** The printed numbers are put into simulated recordings whose truth is known.
+# Nothing is claimed on the fuel. Measured minus true is the error of the method, which
+# other notebooks show.
 #
 # **One number.** First metre of wood chips at 4.5 bar: 13.5 m/s printed, 13.5 m/s here.
 #
-# **What disagrees.** Printed numbers contradict each other, so about one in six is missed by more
-# than 10 % or 5 points.
+# **What disagrees.** Printed numbers contradict each other, so about one in six is
+# missed by more than 10 % or 5 points.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -45,11 +46,11 @@ origin = figures.trace(
 # %% [markdown]
 # ## Inputs
 #
-# These are the main inputs; small ones stand in the code. "Published" ones stand in the thesis,
-# "handbook" ones in another source. "Fitted" ones were set by printed numbers: flights and errors
-# of depth by sections 5.2 and 5.3, light by Otsu's row of Table 5.5, Fig. 5.5 and Fig. 3.12. No
-# other detector took part in a fit, but what it finds was known from trials (notebook 01). An
-# assumption has no source.
+# These are the main inputs; small ones stand in the code. "Published" ones stand in the
+# thesis, "handbook" ones in another source. "Fitted" ones were set by printed numbers:
+# flights and errors of depth by sections 5.2 and 5.3, light by Otsu's row of Table 5.5,
+# Fig. 5.5 and Fig. 3.12. No other detector took part in a fit, but what it finds was
+# known from trials (notebook 01). An assumption has no source.
 
 # %%
 table = pd.read_csv(inputs[0], keep_default_na=False)
@@ -65,10 +66,13 @@ statuses
 
 # %%
 put_in = comparison.put_in(tuple(LAWS), particles, seed).dropna(subset="printed")
-put_in = put_in[["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]]
+put_in = put_in[
+    ["fraction", "pressure_bar", "outcome", "printed", "low", "high", "put_in"]
+]
 caption = (
-    f"Printed numbers on flight and ignition beside what {particles} simulated flights of each run "
-    "have. Where both differ, print contradicts itself, or few flights decide."
+    f"Printed numbers on flight and ignition beside what {particles} simulated flights "
+    "of each run have. Where both differ, print contradicts itself, or few flights "
+    "decide."
 )
 figures.save("twin-flights", put_in.round(4), caption=caption, provenance=origin)
 put_in.head(12)
@@ -76,10 +80,11 @@ put_in.head(12)
 # %% [markdown]
 # ## Light: what it was fitted to
 #
-# Flames are round, larger and brighter than unlit particles, and most are overexposed. Wood chips
-# and granules are darker than the wall, papers may be lighter, and the level of each varies by
-# tumbling. Six inputs were fitted by `kilnflight.experiments.detection.light_fit` to Otsu's row of
-# Table 5.5, the recalls of Fig. 5.5 and the radii of Fig. 3.12. No other detector took part.
+# Flames are round, larger and brighter than unlit particles, and most are overexposed.
+# Wood chips and granules are darker than the wall, papers may be lighter, and the level
+# of each varies by tumbling. Six inputs were fitted by
+# `kilnflight.experiments.detection.light_fit` to Otsu's row of Table 5.5, the recalls
+# of Fig. 5.5 and the radii of Fig. 3.12. No other detector took part.
 
 # %%
 seeds = {"quick": [seed], "standard": [seed]}.get(scale, list(light_fit.SEEDS))
@@ -87,9 +92,10 @@ prepared = light_fit.prepare(seeds, labelled.SUBSETS[scale])
 shown = LABELLED if scale == "full" else LABELLED[5:6]
 reached = light_fit.report(light_fit.count(prepared, Optics(), shown))
 caption = (
-    "What the light was fitted to, printed and reached with each seed of the scenes: Otsu's "
-    "precision and recall on labelled frames, recall by class, radii, and the share of flames in "
-    "the air whose core is overexposed. The fit itself used one frame of each subset."
+    "What the light was fitted to, printed and reached with each seed of the scenes: "
+    "Otsu's precision and recall on labelled frames, recall by class, radii, and the "
+    "share of flames in the air whose core is overexposed. The fit itself used one "
+    "frame of each subset."
 )
 figures.save("twin-light", reached.round(4), caption=caption, provenance=origin)
 reached
@@ -97,21 +103,29 @@ reached
 # %% [markdown]
 # ## Choices of the light, with the other value of each
 #
-# Flames that are thin and long (D6), darker chips and granules (D8), no clutter (D9), and unlit
-# levels that stay for a whole flight (T7).
+# Flames that are thin and long (D6), darker chips and granules (D8), no clutter (D9),
+# and unlit levels that stay for a whole flight (T7).
 
 # %%
-others = {"ours": "base", "D6": "thin-flames", "D8": "dark-bodies", "T7": "steady-bodies"}
+others = {
+    "ours": "base",
+    "D6": "thin-flames",
+    "D8": "dark-bodies",
+    "T7": "steady-bodies",
+}
 lights = {
     name: scenes.SCENARIOS[scenario](prepared[-1][0].scene).optics
     for name, scenario in others.items()
 }
-overexposed, flickering = {}, {}
+overexposed = {}
+flickering = {}
 twin, background = prepared[-1]
 for name, light in lights.items():
     counts = light_fit.compare(light_fit.count(prepared, light, [80]))
     overexposed[name] = float(counts["ours"].iloc[-1])
-    noted = truth.noted(light_fit.with_light(twin, light), range(60, 101, 5)).query("label == 3")
+    noted = truth.noted(light_fit.with_light(twin, light), range(60, 101, 5)).query(
+        "label == 3"
+    )
     missed = noted["noted_row"].isna().groupby(noted["particle"]).mean()
     flickering[name] = f"{missed.between(0, 1, inclusive='neither').mean():.2f}"
     flickering[name] += f", {noted['noted_row'].notna().mean():.2f}"
@@ -144,13 +158,14 @@ compared = [
 # %% [markdown]
 # ## Choices of paths and depth, with the other value of each
 #
-# True paths are fitted as the depth camera sees them; no detector and no tracker takes part. The
-# choices are the spread aside (D10), the flutter of shreds (T6), the lance's place (F1), one
-# calibration (F3) and errors that come anew in each frame (F4).
+# True paths are fitted as the depth camera sees them; no detector and no tracker takes
+# part. The choices are the spread aside (D10), the flutter of shreds (T6), the lance's
+# place (F1), one calibration (F3) and errors that come anew in each frame (F4).
 
 # %%
 count = {"quick": 5, "standard": 25, "full": 150}[scale]
-shred, chip = ("paper shred", 4.5), ("wood chip", 4.5)
+shred = ("paper shred", 4.5)
+chip = ("wood chip", 4.5)
 wild = replace(LAWS[shred], flutter_m=0.038)
 narrow = replace(LAWS[shred], aside_sd=LAWS[shred].aside_sd / 2.5)
 chips = scenes.campaign(*chip, seed)
@@ -167,19 +182,24 @@ def fitted(scene, law, exit_mm=None, own_mm=None):
 
 
 # %%
-rows = {name: fitted(scenes.campaign(name, 4.5, seed), LAWS[name, 4.5]) for name in errors}
+rows = {
+    name: fitted(scenes.campaign(name, 4.5, seed), LAWS[name, 4.5]) for name in errors
+}
 spread = pd.DataFrame(rows).T.rename_axis("fraction").reset_index()
 known = claims.published("table_5.18").pivot(
     index="fraction", columns=["measure", "axis"], values="value"
 )
-known.columns = [f"{measure.lower().replace('_mm', '')}_{axis}" for measure, axis in known]
+known.columns = [
+    f"{measure.lower().replace('_mm', '')}_{axis}" for measure, axis in known
+]
 known.index = known.index.str.lower().str.rstrip("s")
 spread = spread.set_index(spread["fraction"].str.lower())
 known = known[["rmse_x", "rmse_y", "rmse_z", "r2_x"]].add_suffix("_published")
 spread = spread.join(known).reset_index(drop=True)
 caption = (
-    "Fits of true paths at 4.5 bar as the depth camera sees them, beside Table 5.18. RMSE in z "
-    "identified the particles' own error of depth; the spread aside follows the text, not R2 in x."
+    "Fits of true paths at 4.5 bar as the depth camera sees them, beside Table 5.18. "
+    "RMSE in z identified the particles' own error of depth; the spread aside follows "
+    "the text, not R2 in x."
 )
 figures.save("twin-paths", spread.round(4), caption=caption, provenance=origin)
 spread
@@ -195,7 +215,8 @@ true_exit = fitted(chips, LAWS[chip], exit_mm=chips.geometry.lance_mm)
 ours = spread.set_index("fraction").loc
 
 # %% [markdown]
-# Whether verdicts on velocities turn is judged by medians of the first metre on these paths.
+# Whether verdicts on velocities turn is judged by medians of the first metre on these
+# paths.
 
 # %%
 # RMSE in z of Table 5.18: the particle's own error where nearly all of a pixel's stays
@@ -204,7 +225,8 @@ printed_mm = ours[:, "rmse_z_published"]
 
 def variant(choice, key):
     """Return scene, law and own error (mm) of a run with the other value of a choice."""
-    scene, law = scenes.campaign(*key, seed), LAWS[key]
+    scene = scenes.campaign(*key, seed)
+    law = LAWS[key]
     if choice == "D10":
         law = replace(law, aside_sd=law.aside_sd / 2.5)
     if choice == "F3":
@@ -217,7 +239,9 @@ def variant(choice, key):
 
 def judge(first):
     """Return the verdicts on velocities from medians of the first metre by run."""
-    by_bar = [{name: first[name, bar] for name in errors} for bar in scenes.PRESSURES_BAR]
+    by_bar = [
+        {name: first[name, bar] for name in errors} for bar in scenes.PRESSURES_BAR
+    ]
     faster = all(
         each[heavy] > each[paper]
         for each in by_bar
@@ -233,13 +257,18 @@ metres = {}
 for choice in ("ours", "D10", "F3", "F4"):
     for key in LAWS:
         scene, law, own_mm = variant(choice, key)
-        metres.setdefault(choice, {})[key] = fitted(scene, law, own_mm=own_mm)["first_m_s"]
-turns = {name: choices.turned(judge(metres["ours"]), judge(each)) for name, each in metres.items()}
+        metres.setdefault(choice, {})[key] = fitted(scene, law, own_mm=own_mm)[
+            "first_m_s"
+        ]
+turns = {
+    name: choices.turned(judge(metres["ours"]), judge(each))
+    for name, each in metres.items()
+}
 table = pd.DataFrame(metres).rename_axis(["fraction", "pressure_bar"]).reset_index()
 caption = (
-    "Median velocity in the first metre in m/s of true paths as the depth camera sees them, with "
-    "the other value of three choices: spread aside (D10), a calibration error for each campaign "
-    "(F3), errors that stay (F4)."
+    "Median velocity in the first metre in m/s of true paths as the depth camera sees "
+    "them, with the other value of three choices: spread aside (D10), a calibration "
+    "error for each campaign (F3), errors that stay (F4)."
 )
 figures.save("twin-first-metres", table.round(3), caption=caption, provenance=origin)
 change = {name: each["wood chip", 5.0] / each[chip] for name, each in metres.items()}
@@ -261,7 +290,10 @@ compared += [
         other=regular["T6"],
     ),
     choices.compare(
-        "F1", metre, chosen=float(ours[chip[0], "first_m_s"]), other=float(true_exit["first_m_s"])
+        "F1",
+        metre,
+        chosen=float(ours[chip[0], "first_m_s"]),
+        other=float(true_exit["first_m_s"]),
     ),
     choices.compare(
         "F3",
@@ -300,10 +332,10 @@ for scenario, chance, what, how in tqdm(cases, "changed inputs", disable=None):
     rows.append({"input": what, "change": how, **found})
 changed = pd.DataFrame(rows)
 caption = (
-    "With other errors of depth and another seed: F1 of SIFT with DBSCAN; for papers at 4.5 bar "
-    "alpha of GNN with post-processing against all visible positions, biases of dwell time and "
-    "first metre, and false ignitions, of a handful that stay unlit. On the frames of scale "
-    f"{reduced}."
+    "With other errors of depth and another seed: F1 of SIFT with DBSCAN; for papers "
+    "at 4.5 bar alpha of GNN with post-processing against all visible positions, "
+    "biases of dwell time and first metre, and false ignitions, of a handful that stay "
+    f"unlit. On the frames of scale {reduced}."
 )
 figures.save("twin-sensitivity", changed, caption=caption, provenance=origin)
 changed
@@ -313,8 +345,9 @@ changed
 
 # %%
 result = (
-    f"{statuses['published']} of {len(table)} inputs are published, {statuses['fitted']} were "
-    f"fitted to printed numbers, {statuses['identified']} are identified by one, "
-    f"{statuses['handbook']} are from other sources, {statuses['assumption']} are assumptions."
+    f"{statuses['published']} of {len(table)} inputs are published, "
+    f"{statuses['fitted']} were fitted to printed numbers, {statuses['identified']} "
+    f"are identified by one, {statuses['handbook']} are from other sources, "
+    f"{statuses['assumption']} are assumptions."
 )
 figures.conclude(result, [], origin, choices=compared)

@@ -1,18 +1,20 @@
 # %% [markdown]
 # # Ground truth: fifty labelled frames hold nearly as many particles as printed
 #
-# **The work.** Fifty frames of five sequences V1 to V5 were labelled by hand (thesis, sections 3.3
-# and 5.1.1). They hold 5701 particles in three classes (Tables 5.1 to 5.3). An infrared camera
-# gives the temperature along the wall (Fig. 2.4).
+# **The work.** Fifty frames of five sequences V1 to V5 were labelled by hand (thesis,
+# sections 3.3 and 5.1.1). They hold 5701 particles in three classes (Tables 5.1 to
+# 5.3). An infrared camera gives the temperature along the wall (Fig. 2.4).
 #
-# **Here.** The recordings are not public, so five scenes with ten labelled frames each are
-# simulated. Particles are fed until the frames hold the labels of Tables 5.2 and 5.3. That these
-# numbers reappear shows nothing.
+# **Here.** The recordings are not public, so five scenes with ten labelled frames each
+# are simulated. Particles are fed until the frames hold the labels of Tables 5.2 and
+# 5.3. That these numbers reappear shows nothing.
 #
-# **One number.** Wall particles in the region of interest: 50.53 % printed, 50.8 % here.
+# **One number.** Wall particles in the region of interest: 50.53 % printed, 50.8 %
+# here.
 #
-# **What disagrees.** Of burning particles in the air 2 to 15 % fewer are visible than printed. The
-# share of the unlit with 3D, which was not fitted by sequence, is off by up to 0.17.
+# **What disagrees.** Of burning particles in the air 2 to 15 % fewer are visible than
+# printed. The share of the unlit with 3D, which was not fitted by sequence, is off by
+# up to 0.17.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -52,12 +54,17 @@ seen = [
     for t in LABELLED[:frames]
 ]
 marked = pd.concat(seen).query("visible")
-counts = marked.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
+counts = (
+    marked.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
+)
 printed = claims.published("table_5.2")[list(counts)].iloc[:3].set_axis(counts.index)
 table = pd.concat({"twin": counts.round(0), "published": printed}, names=["source"])
 table.insert(0, "class", table.index.get_level_values("label").map(truth.CLASSES))
 table = table.reset_index()
-caption = "Labelled particles of ten frames by class, simulated and in Table 5.2 of the thesis."
+caption = (
+    "Labelled particles of ten frames by class, simulated and in Table 5.2 of the "
+    "thesis."
+)
 figures.save("table-5-2-ground-truth", table, caption=caption, provenance=origin)
 
 # %%
@@ -66,10 +73,12 @@ shares = shares.add_suffix("_percent")
 shares.insert(0, "class", shares.index.map(truth.CLASSES))
 for kind, number in {"depth": "5.2", "roi": "5.3"}.items():
     printed = claims.published(f"table_{number}").filter(like="percentage").iloc[:3, 0]
-    shares[f"published_{kind}_percent"] = printed.str.rstrip("%").astype(float).to_numpy()
+    shares[f"published_{kind}_percent"] = (
+        printed.str.rstrip("%").astype(float).to_numpy()
+    )
 caption = (
-    "Labelled particles with depth, and inside the region of interest, in percent of those of "
-    "their class, beside Tables 5.2 and 5.3, whose counts were put in."
+    "Labelled particles with depth, and inside the region of interest, in percent of "
+    "those of their class, beside Tables 5.2 and 5.3, whose counts were put in."
 )
 shares = shares.reset_index()
 figures.save("table-5-3-ground-truth", shares, caption=caption, provenance=origin)
@@ -77,44 +86,65 @@ figures.save("table-5-3-ground-truth", shares, caption=caption, provenance=origi
 # %% [markdown]
 # ## How many unlit particles have a depth
 #
-# Table 5.13 counts particles in the air with 3D inside the region of interest. Less the burning
-# ones, nearly all of which have 3D, those that do not burn are left. The shares of the subsets
-# follow. The simulation was fitted to the share in all subsets (Table 5.2), not to these.
+# Table 5.13 counts particles in the air with 3D inside the region of interest. Less the
+# burning ones, nearly all of which have 3D, those that do not burn are left. The shares
+# of the subsets follow. The simulation was fitted to the share in all subsets (Table
+# 5.2), not to these.
 
 # %%
 of_class, in_roi, flying = (claims.published(f"table_5.{n}") for n in (2, 3, 13))
 flying = flying.set_index("subset")[["TP", "FN"]].sum(axis=1)[names]
-burning_with_depth = of_class["with_3d_info"][0] / of_class["amount"][0] * in_roi.loc[0, names]
+burning_with_depth = (
+    of_class["with_3d_info"][0] / of_class["amount"][0] * in_roi.loc[0, names]
+)
 printed = ((flying - burning_with_depth) / in_roi.loc[1, names]).astype(float)
 unlit = marked.query("label == 3 and in_roi")
-generator, rows = np.random.default_rng(seed), []
+generator = np.random.default_rng(seed)
+rows = []
 for name in names:
-    found = unlit[unlit["subset"] == name].groupby("particle")["has_depth"].agg(["sum", "size"])
+    found = (
+        unlit[unlit["subset"] == name]
+        .groupby("particle")["has_depth"]
+        .agg(["sum", "size"])
+    )
     picked = generator.integers(len(found), size=(DRAWS, len(found)))
     drawn = found.to_numpy()[picked].sum(axis=1)
     low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
     share = found["sum"].sum() / found["size"].sum()
-    rows.append({"subset": name, "particles": len(found), "share": share, "low": low, "high": high})
+    rows.append(
+        {
+            "subset": name,
+            "particles": len(found),
+            "share": share,
+            "low": low,
+            "high": high,
+        }
+    )
 table = pd.DataFrame(rows).assign(share_published=printed[names].to_numpy())
 caption = (
-    "Share of the sightings of non-burning particles in the air that have a depth, inside the "
-    "region of interest, with 95 % intervals over draws of particles, and as it follows from "
-    "Tables 5.2, 5.3 and 5.13."
+    "Share of the sightings of non-burning particles in the air that have a depth, "
+    "inside the region of interest, with 95 % intervals over draws of particles, and "
+    "as it follows from Tables 5.2, 5.3 and 5.13."
 )
 figures.save("unlit-depth", table, caption=caption, provenance=origin)
 
 
 # %%
 def agrees(row, bound=0.05):
-    """Return whether a share is within a bound of print; None if only its interval meets it."""
-    least, most = row.share_published - bound, row.share_published + bound
+    """Return whether a share is within a bound of print; None if only its interval
+    meets it.
+    """
+    least = row.share_published - bound
+    most = row.share_published + bound
     if least <= row.share <= most:
         return True
     return False if row.high < least or row.low > most else None
 
 
 answers = [agrees(row) for row in table.itertuples()]
-of_depth = claims.check("depth-6", claims.all_of(*answers), table.set_index("subset")["share"])
+of_depth = claims.check(
+    "depth-6", claims.all_of(*answers), table.set_index("subset")["share"]
+)
 
 # %% [markdown]
 # ## An annotated frame (Fig. 5.1)
@@ -138,19 +168,27 @@ picture.colorbar(shown, ax=right, label="captured depth (m)", shrink=0.8)
 for axes, title in ((left, "grey values and labels"), (right, "depth")):
     axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
 caption = (
-    f"A simulated frame ({names[0]}). Left: grey values, burning in air (blue outline), "
-    "non-burning in air (orange), burning on the wall (purple), region of interest (dashed). "
-    "Right: captured depth where there is one."
+    f"A simulated frame ({names[0]}). Left: grey values, burning in air (blue "
+    "outline), non-burning in air (orange), burning on the wall (purple), region of "
+    "interest (dashed). Right: captured depth where there is one."
 )
 table = truth.sightings(twin, frame.index).query("visible").drop(columns="time_s")
-figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-1-annotated-frame",
+    table,
+    picture=picture,
+    caption=caption,
+    provenance=origin,
+)
 
 # %% [markdown]
 # ## Sizes and distances (Figs 3.12 and 5.7)
 
 # %%
 clouds = [calibrated_cloud(twin, LABELLED[0]) for twin in twins.values()]
-near = np.concatenate([k_distances(cloud, 2) for cloud in clouds])  # the first is the point itself
+near = np.concatenate(
+    [k_distances(cloud, 2) for cloud in clouds]
+)  # the first is the point itself
 steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()]
 radius = marked["radius_px"].to_numpy()
 
@@ -159,24 +197,33 @@ picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm
 left.hist(radius, np.arange(0, 26), color="0.7", edgecolor="black", lw=0.5)
 at = {"transform": left.get_xaxis_transform(), "label": "published mean 7.7 px"}
 left.plot(7.7, 0.03, **{**style.PUBLISHED, **at})
-left.axvline(radius.mean(), color="k", ls="--", label=f"mean here {radius.mean():.1f} px")
+left.axvline(
+    radius.mean(), color="k", ls="--", label=f"mean here {radius.mean():.1f} px"
+)
 left.set(xlabel="radius (px)", ylabel="labelled particles")
-right.bar([0, 1, 2], steps, 0.6, color="0.7", edgecolor="black", lw=0.5, label="simulated")
+right.bar(
+    [0, 1, 2], steps, 0.6, color="0.7", edgecolor="black", lw=0.5, label="simulated"
+)
 right.plot([0, 1, 2], [1 / 3, 1 / 3, 0.9], **style.PUBLISHED)
 right.set_xticks([0, 1, 2], ["below 1 mm", "1 to 2 mm", "below 4 mm"])
-right.set(xlabel="distance to the nearest point", ylabel="share of the points", ylim=(0, 1.25))
+right.set(
+    xlabel="distance to the nearest point", ylabel="share of the points", ylim=(0, 1.25)
+)
 for axes in (left, right):
     axes.legend(loc="upper right")
 
 # %% tags=["hide-input"]
 caption = (
-    "Left: radius of the labelled particles, after Fig. 3.12, by which flames were sized; "
-    f"{100 * (radius > 25).mean():.0f} % are beyond the axis, {100 * (radius > 15).mean():.0f} % "
-    "above 15 px (published: hardly any). Right: distance of the 3D points to their nearest "
-    "neighbour, after Fig. 5.7 (one frame of each subset)."
+    "Left: radius of the labelled particles, after Fig. 3.12, by which flames were "
+    f"sized; {100 * (radius > 25).mean():.0f} % are beyond the axis, "
+    f"{100 * (radius > 15).mean():.0f} % above 15 px (published: hardly any). Right: "
+    "distance of the 3D points to their nearest neighbour, after Fig. 5.7 (one frame "
+    "of each subset)."
 )
 table = pd.DataFrame({"radius_px": np.sort(radius)})
-figures.save("fig-3-12-radius", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-3-12-radius", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Temperature along the wall (Fig. 2.4)
@@ -191,14 +238,23 @@ noise = np.random.default_rng(seed).normal(0, 4, row.shape)
 infrared = 1423.0 - 9.0 * (wall[..., 0] - 1.0) ** 2 + noise  # K
 along = np.linspace(-2.0, 2.5, 100)  # m, on the bottom of the wall
 corners = []  # of a strip so narrow that the round wall is flat in it
-for s, x in ((along[0], -0.05), (along[0], 0.05), (along[-1], 0.05), (along[-1], -0.05)):
+for s, x in (
+    (along[0], -0.05),
+    (along[0], 0.05),
+    (along[-1], 0.05),
+    (along[-1], -0.05),
+):
     spot = place.to_camera(np.array([s, x, -np.sqrt(0.7**2 - x**2)]))
     corners.append(tuple(float(v) for v in place.project(spot)))
 columns = 100  # of the rectangle that the strip becomes
 target = [(0, 0), (columns - 1, 0), (columns - 1, len(along) - 1), (0, len(along) - 1)]
-trapezoid = np.array(corners, np.float32)[:, ::-1].copy()  # column, row as OpenCV takes them
+trapezoid = np.array(corners, np.float32)[
+    :, ::-1
+].copy()  # column, row as OpenCV takes them
 transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, np.float32))
-equalised = cv2.warpPerspective(infrared.astype(np.float32), transform, (columns, len(along)))
+equalised = cv2.warpPerspective(
+    infrared.astype(np.float32), transform, (columns, len(along))
+)
 profile = equalised.astype(np.float64).mean(axis=1)
 put_in = 1423.0 - 9.0 * (along - 1.0) ** 2
 
@@ -211,16 +267,21 @@ left.plot(outline[:, 1], outline[:, 0], "-", color="white", lw=1)
 left.set(xlabel="column (px)", ylabel="row (px)", xlim=(0, 2047), ylim=(1535, 0))
 right.plot(along, put_in, "-", color="0.6", lw=2.5, label="put in")
 right.plot(along, profile, "--", color="black", label="profile")
-right.set(xlabel="distance from the lance exit along the kiln (m)", ylabel="temperature (K)")
+right.set(
+    xlabel="distance from the lance exit along the kiln (m)", ylabel="temperature (K)"
+)
 right.legend(loc="lower center")
 caption = (
-    "Temperature profile of the wall, after Fig. 2.4. Left: simulated infrared frame with the "
-    "trapezoid. Right: row means of the equalised trapezoid beside what was put in."
+    "Temperature profile of the wall, after Fig. 2.4. Left: simulated infrared frame "
+    "with the trapezoid. Right: row means of the equalised trapezoid beside what was "
+    "put in."
 )
 
 # %%
 table = pd.DataFrame({"along_m": along, "true_k": put_in, "profile_k": profile})
-figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Result
@@ -228,7 +289,8 @@ figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, pr
 # %%
 off = np.abs(profile - put_in).max()
 result = (
-    f"The simulated frames hold {len(marked)} labelled particles in {frames * len(twins)} "
-    f"frames; the wall's temperature profile is recovered within {off:.0f} K."
+    f"The simulated frames hold {len(marked)} labelled particles in "
+    f"{frames * len(twins)} frames; the wall's temperature profile is recovered within "
+    f"{off:.0f} K."
 )
 figures.conclude(result, [of_depth], origin)

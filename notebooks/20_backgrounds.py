@@ -1,18 +1,18 @@
 # %% [markdown]
 # # Background subtraction: two frames are worst, but the mean is ahead of the median
 #
-# **The work.** The thesis (sections 2.2.1 and 5.1.2) subtracts six backgrounds from 50 labelled
-# frames, each with its best values (Table 5.4). SIFT then detects particles. The temporal median
-# is best, the 2-frame difference worst (Fig. 5.4).
+# **The work.** The thesis (sections 2.2.1 and 5.1.2) subtracts six backgrounds from 50
+# labelled frames, each with its best values (Table 5.4). SIFT then detects particles.
+# The temporal median is best, the 2-frame difference worst (Fig. 5.4).
 #
-# **Here.** The same models and values on five simulated recordings, with the thesis's threshold of
-# 500 grey values for SIFT. The difference stops at zero in all six models. Absolute differences
-# and a threshold for each model stand beside.
+# **Here.** The same models and values on five simulated recordings, with the thesis's
+# threshold of 500 grey values for SIFT. The difference stops at zero in all six models.
+# Absolute differences and a threshold for each model stand beside.
 #
 # **One number.** F1 of the median background: 0.8592 printed, 0.8828 here.
 #
-# **What disagrees.** The median is fourth of six, 0.009 behind the mean. With absolute differences
-# it is best, as printed, but all other models are 0.10 to 0.28 behind it.
+# **What disagrees.** The median is fourth of six, 0.009 behind the mean. With absolute
+# differences it is best, as printed, but all other models are 0.10 to 0.28 behind it.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -39,20 +39,24 @@ frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = labelled.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
-window = labelled.WINDOWS[scale]  # as printed in a full run; else few frames are rendered
+window = labelled.WINDOWS[
+    scale
+]  # as printed in a full run; else few frames are rendered
 for name in ("Mean", "Median", "Adaptive"):
     models[name] = replace(models[name], window=min(window, models[name].window))
 
 # %% [markdown]
 # ## Backgrounds and the traces that particles leave in them
 #
-# A part of one frame, and of four backgrounds at that time. The frame differences have no
-# background to show.
+# A part of one frame, and of four backgrounds at that time. The frame differences have
+# no background to show.
 
 # %%
-subset, t = subsets[1], subsets[1].frames[0]
+subset = subsets[1]
+t = subsets[1].frames[0]
 stack = FrameBuffer(subset.recording)
-gray, roi = stack[t], subset.recording.attributes.roi
+gray = stack[t]
+roi = subset.recording.attributes.roi
 images = {
     name: next(iter(model.backgrounds(stack, [t])))
     for name, model in models.items()
@@ -60,8 +64,14 @@ images = {
 }
 
 # %% tags=["hide-input"]
-top, bottom, left, right = 950, 1400, 500, 1500
-named = {f"frame {t}": gray, **{style.words(name): each for name, each in images.items()}}
+top = 950
+bottom = 1400
+left = 500
+right = 1500
+named = {
+    f"frame {t}": gray,
+    **{style.words(name): each for name, each in images.items()},
+}
 low, high = np.quantile(gray[top:bottom, left:right], [0.01, 0.99])
 look = {"cmap": "gray", "vmin": low, "vmax": high, "extent": (left, right, bottom, top)}
 picture, grid = style.canvas(3, 2, width_mm=style.PAGE_MM, height_mm=135)
@@ -71,49 +81,56 @@ for axes, (title, image) in zip(grid.flat, named.items(), strict=False):
 for axes in grid.flat[len(named) :]:
     axes.axis("off")
 caption = (
-    f"Part of a simulated frame of subset {subset.name} and of four backgrounds, after Fig. 5.2; "
-    "the data are row 1180 of each."
+    f"Part of a simulated frame of subset {subset.name} and of four backgrounds, after "
+    "Fig. 5.2; the data are row 1180 of each."
 )
 table = pd.DataFrame({name: image[1180, 500:1500] for name, image in named.items()})
-figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-2-backgrounds", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
-# The simulated scene without particles is known. The trace of a model is its root mean square
-# difference from that scene, in pixels that hold a particle in one of the frames around but not
-# in this one.
+# The simulated scene without particles is known. The trace of a model is its root mean
+# square difference from that scene, in pixels that hold a particle in one of the frames
+# around but not in this one.
 
 # %%
 around = np.any([subset.instances(k) >= 0 for k in range(t - 25, t + 26, 5)], axis=0)
-trace, clean = around & ~(subset.instances(t) >= 0), subset.recording.empty(t)
+trace = around & ~(subset.instances(t) >= 0)
+clean = subset.recording.empty(t)
 traces = {
-    name: float(np.sqrt(np.mean((image - clean)[trace] ** 2))) for name, image in images.items()
+    name: float(np.sqrt(np.mean((image - clean)[trace] ** 2)))
+    for name, image in images.items()
 }
-parameters = pd.DataFrame([{"model": name} | asdict(model) for name, model in models.items()])
+parameters = pd.DataFrame(
+    [{"model": name} | asdict(model) for name, model in models.items()]
+)
 parameters = parameters.drop(columns="absolute")
 parameters["trace_gray"] = parameters["model"].map(traces)
 caption = (
-    "Parameters of the six background models, all as printed in Table 5.4"
-    f"{'' if scale == 'full' else f', but at most {window} frames'}; frames, and shares from 0 to "
-    f"1. Trace: root mean square in grey values that particles leave in the background of a frame "
-    f"of {subset.name}."
+    "Parameters of the six background models, all as printed in Table "
+    f"5.4{'' if scale == 'full' else f', but at most {window} frames'}; frames, and "
+    "shares from 0 to 1. Trace: root mean square in grey values that particles leave "
+    f"in the background of a frame of {subset.name}."
 )
 figures.save("table-5-4-parameters", parameters, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Detections after each background
 #
-# **What a difference is.** That of two pictures of 16 bits stops at zero in MATLAB, the authors'
-# tool, and section 3.1 says that dark particles "might be deleted". So it stops at zero here, in
-# all six models. Eqs 2.5, 2.6 and 2.10 print bars of an absolute value, so the table shows absolute
-# differences beside it.
+# **What a difference is.** That of two pictures of 16 bits stops at zero in MATLAB, the
+# authors' tool, and section 3.1 says that dark particles "might be deleted". So it
+# stops at zero here, in all six models. Eqs 2.5, 2.6 and 2.10 print bars of an absolute
+# value, so the table shows absolute differences beside it.
 #
-# **Which threshold.** One "fixed empirical SIFT parameter" of 500 serves all six models (caption of
-# Fig. 5.4). A threshold of each model, found on the other subsets, stands beside.
+# **Which threshold.** One "fixed empirical SIFT parameter" of 500 serves all six models
+# (caption of Fig. 5.4). A threshold of each model, found on the other subsets, stands
+# beside.
 #
-# The thesis contradicts itself in three places. Table 5.4 is preferred to Fig. 5.2 (k is 0.4, not
-# 0.5). The alpha of 0.99 weighs the past in the text but the present in Eq. 2.9; the text is
-# followed. Section 5.1.3 names a mean filter, section 5.1.2 and Table 5.11 the median, which is
-# used in the other notebooks.
+# The thesis contradicts itself in three places. Table 5.4 is preferred to Fig. 5.2 (k
+# is 0.4, not 0.5). The alpha of 0.99 weighs the past in the text but the present in Eq.
+# 2.9; the text is followed. Section 5.1.3 names a mean filter, section 5.1.2 and Table
+# 5.11 the median, which is used in the other notebooks.
 
 # %%
 fixed = labelled.sift().threshold  # of Fig. 5.4, grey values
@@ -125,8 +142,10 @@ class Kept:
     """A recording whose grey values stay in memory, as twelve backgrounds need them."""
 
     def __init__(self, recording):
-        self.attributes, self.frame = recording.attributes, recording.frame
-        self.length, self.gray = len(recording), cache(recording.gray)
+        self.attributes = recording.attributes
+        self.frame = recording.frame
+        self.length = len(recording)
+        self.gray = cache(recording.gray)
 
     def __len__(self):
         return self.length
@@ -139,11 +158,16 @@ for each in subsets:
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
         found[reading, name, each.name] = labelled.run([kept], methods, model)
-parts, tuned_parts = [], []
+parts = []
+tuned_parts = []
 for reading, name in product(readings, models):
-    every = pd.concat([found[reading, name, each.name] for each in subsets], ignore_index=True)
+    every = pd.concat(
+        [found[reading, name, each.name] for each in subsets], ignore_index=True
+    )
     every = every.assign(model=name, reading=reading)
-    parts.append(every[every["method"] == fixed].rename(columns={"method": "threshold"}))
+    parts.append(
+        every[every["method"] == fixed].rename(columns={"method": "threshold"})
+    )
     tried = labelled.mark_chosen(every[every["method"] != fixed])
     tuned_parts.append(tried[tried["chosen"]])
 attempts = pd.concat(parts, ignore_index=True)
@@ -154,16 +178,21 @@ table = summaries.with_total(attempts, ["model", "subset", "reading"])
 table = table.drop(columns="seconds_per_image").assign(threshold=fixed)
 unlit = summaries.class_recall(attempts, ["model", "reading"]).query("label == 3")
 unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
-table = table.merge(unlit[["model", "reading", "subset", "recall_non_burning"]], how="left")
-printed = {"Median": 0.8592, "TwoFrame": 0.8385}  # in the text; the others are only drawn
+table = table.merge(
+    unlit[["model", "reading", "subset", "recall_non_burning"]], how="left"
+)
+printed = {
+    "Median": 0.8592,
+    "TwoFrame": 0.8385,
+}  # in the text; the others are only drawn
 first = (table["subset"] == "Total") & (table["reading"] == "stops at zero")
 table["f1_published"] = table["model"].map(printed).where(first)
 table = table.sort_values("reading", ascending=False, kind="stable", ignore_index=True)
 caption = (
-    "Detection by SIFT after six backgrounds with the values of Table 5.4 and the threshold of "
-    f"Fig. 5.4; {frames} labelled frames of each subset in the region of interest, scoring "
-    "distance 45 px. Reading: the difference stops at zero, or is absolute, as the bars of Eqs "
-    "2.5, 2.6 and 2.10 say."
+    "Detection by SIFT after six backgrounds with the values of Table 5.4 and the "
+    f"threshold of Fig. 5.4; {frames} labelled frames of each subset in the region of "
+    "interest, scoring distance 45 px. Reading: the difference stops at zero, or is "
+    "absolute, as the bars of Eqs 2.5, 2.6 and 2.10 say."
 )
 figures.save("table-5-4-background", table, caption=caption, provenance=origin)
 
@@ -187,25 +216,33 @@ summary = summary.sort_values(["f1", "model"], ascending=[False, True])
 picture, ((axes,),) = style.canvas(height_mm=62)
 plots.draw_intervals(axes, summary.rename(style.words), "f1_published", "f1_in_pixels")
 caption = (
-    "Simulated F1 of SIFT after six backgrounds, after Fig. 5.4. Dots: scoring distance 45 px, "
-    "95 % intervals over draws of frames; squares: within a particle's pixels (section 5.1.1); "
-    "diamonds: published. Absolute: pixels darker than the background count, too. f1_tuned: "
-    "threshold of each model found on the other subsets."
+    "Simulated F1 of SIFT after six backgrounds, after Fig. 5.4. Dots: scoring "
+    "distance 45 px, 95 % intervals over draws of frames; squares: within a particle's "
+    "pixels (section 5.1.1); diamonds: published. Absolute: pixels darker than the "
+    "background count, too. f1_tuned: threshold of each model found on the other "
+    "subsets."
 )
 table = summary.reset_index()
-figures.save("fig-5-4-background", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-4-background", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %%
-_, view = next(labelled.subset_views(subset))  # without the burner's flame, as it is scored
+_, view = next(
+    labelled.subset_views(subset)
+)  # without the burner's flame, as it is scored
 keypoints = labelled.sift(fixed)(view.foreground)
 size = {"width_mm": 120, "height_mm": 92}
 picture = plots.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
-    f"SIFT in a simulated frame of {subset.name} after the median background, each a circle of "
-    f"its size. Line: region of interest; threshold {fixed:.0f}. After Fig. 5.3."
+    f"SIFT in a simulated frame of {subset.name} after the median background, each a "
+    f"circle of its size. Line: region of interest; threshold {fixed:.0f}. After Fig. "
+    "5.3."
 )
-figures.save("fig-5-3-detections", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-3-detections", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Claims
@@ -220,18 +257,25 @@ def judge(attempts):
     f1 = labelled.sum_counts(attempts, ["method"]).set_index("method")["f1"]
     f1 = f1.sort_values(ascending=False)
     draws = summaries.resampled_rates(attempts, seed)["f1"]
-    still, moving = ["Mean", "Median"], ["TwoFrame", "ThreeFrame"]
+    still = ["Mean", "Median"]
+    moving = ["TwoFrame", "ThreeFrame"]
     learning = [name for name in f1.index if name not in still + moving]
 
     def order(better, worse):
-        """Return whether all of `better` have a higher F1 than all of `worse`, over draws."""
+        """Return whether all of `better` have a higher F1 than all of `worse`, over
+        draws.
+        """
         kinds = product(better, worse)
-        return claims.all_of(*(claims.above(draws[a] - draws[b]) for a, b in kinds if a != b))
+        return claims.all_of(
+            *(claims.above(draws[a] - draws[b]) for a, b in kinds if a != b)
+        )
 
     return [
         claims.check("bg-1", order(["Median"], f1.index), f1),
         claims.check("bg-2", order(f1.index, ["TwoFrame"]), f1[::-1]),
-        claims.check("bg-5", claims.all_of(order(still, learning), order(learning, moving)), f1),
+        claims.check(
+            "bg-5", claims.all_of(order(still, learning), order(learning, moving)), f1
+        ),
     ]
 
 
@@ -243,7 +287,10 @@ others = {
     "D3": judge(tuned[tuned["reading"] == "stops at zero"]),
 }
 f1 = summary["f1"]
-f1_of = {"D2": f1.filter(like="(absolute)").rename(lambda name: name.split()[0]), "D3": f1_tuned}
+f1_of = {
+    "D2": f1.filter(like="(absolute)").rename(lambda name: name.split()[0]),
+    "D3": f1_tuned,
+}
 compared = [
     choices.compare(
         choice,
@@ -258,8 +305,8 @@ compared = [
 # %%
 of_traces = claims.check("bg-6", traces["Mean"] > traces["Median"], pd.Series(traces))
 result = (
-    f"The median background gives F1 {f1['Median']:.3f}, the mean background {f1['Mean']:.3f}, the "
-    f"2-frame difference {f1['TwoFrame']:.3f}; with absolute differences the median has "
-    f"{f1['Median (absolute)']:.3f}."
+    f"The median background gives F1 {f1['Median']:.3f}, the mean background "
+    f"{f1['Mean']:.3f}, the 2-frame difference {f1['TwoFrame']:.3f}; with absolute "
+    f"differences the median has {f1['Median (absolute)']:.3f}."
 )
 figures.conclude(result, [*of_print, of_traces], origin, choices=compared)

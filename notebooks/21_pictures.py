@@ -1,18 +1,19 @@
 # %% [markdown]
 # # Detection in pictures: Otsu's threshold finds what burns, SIFT more of what does not
 #
-# **The work.** The thesis (sections 2.2.2, 2.2.3 and 5.1.3) detects particles in 50 labelled
-# frames after the median background. Otsu's threshold finds what burns (Table 5.5). SIFT also
-# finds half of what does not burn (Table 5.6).
+# **The work.** The thesis (sections 2.2.2, 2.2.3 and 5.1.3) detects particles in 50
+# labelled frames after the median background. Otsu's threshold finds what burns (Table
+# 5.5). SIFT also finds half of what does not burn (Table 5.6).
 #
-# **Here.** Both detectors on five simulated recordings. The threshold of SIFT for a recording is
-# found on the other four, as in the thesis. SIFT runs again with the other value of three choices
-# that the thesis leaves open.
+# **Here.** Both detectors on five simulated recordings. The threshold of SIFT for a
+# recording is found on the other four, as in the thesis. SIFT runs again with the other
+# value of three choices that the thesis leaves open.
 #
 # **One number.** Recall of SIFT in V5: 0.6552 printed, 0.5432 here.
 #
-# **What disagrees.** SIFT finds 54 % of all unlit particles and 59 % in the mean of five subsets,
-# about half in print. F1 of SIFT in total is no test: it identified r and the clutter.
+# **What disagrees.** SIFT finds 54 % of all unlit particles and 59 % in the mean of
+# five subsets, about half in print. F1 of SIFT in total is no test: it identified r and
+# the clutter.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two subsets), standard or full
@@ -39,14 +40,19 @@ subsets = labelled.labelled_subsets(scale, seed, frames)
 # %% [markdown]
 # ## Both detectors
 #
-# DoG is called once for each frame and serves all thresholds. The time of a single threshold is
-# measured on every fifth frame.
+# DoG is called once for each frame and serves all thresholds. The time of a single
+# threshold is measured on every fifth frame.
 
 # %%
 otsu = labelled.run(subsets, {"Otsu": labelled.from_foreground(Otsu())})
 tried = labelled.compare_thresholds(subsets, scale)
-thresholds = {*labelled.tried_thresholds(scale), *claims.published("table_5.7")["dog_local_max"]}
-single = {value: labelled.from_foreground(labelled.sift(float(value))) for value in thresholds}
+thresholds = {
+    *labelled.tried_thresholds(scale),
+    *claims.published("table_5.7")["dog_local_max"],
+}
+single = {
+    value: labelled.from_foreground(labelled.sift(float(value))) for value in thresholds
+}
 few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
 times = labelled.run(few, single).rename(columns={"method": "threshold"})
 seconds = times.groupby(["subset", "threshold"])["seconds"].median()
@@ -56,8 +62,8 @@ sift = sift.join(seconds, on=["subset", "threshold"])
 # %%
 of_otsu = summaries.with_total(otsu, ["subset"])
 caption = (
-    f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each in the region of "
-    "interest, scoring distance 45 px."
+    f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each in "
+    "the region of interest, scoring distance 45 px."
 )
 table = summaries.beside_published(of_otsu, "table_5.5")
 figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
@@ -65,29 +71,35 @@ figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
 # %%
 of_sift = summaries.with_total(sift, ["threshold", "subset"])
 caption = (
-    f"SIFT by subset, after Table 5.6; {frames} labelled frames of each in the region of "
-    "interest, scoring distance 45 px. Threshold of DoG in grey values found on the other subsets, "
-    "beside the printed one; the exposure differs."
+    f"SIFT by subset, after Table 5.6; {frames} labelled frames of each in the region "
+    "of interest, scoring distance 45 px. Threshold of DoG in grey values found on the "
+    "other subsets, beside the printed one; the exposure differs."
 )
 printed = claims.published("table_5.6").set_index("test_set")
 table = summaries.beside_published(of_sift, "table_5.6")
-table["threshold_published"] = table["subset"].map(printed["dog_local_max"].drop("Total"))
+table["threshold_published"] = table["subset"].map(
+    printed["dog_local_max"].drop("Total")
+)
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## r of Eq. 2.28
 #
-# The thesis calls r "a user-defined threshold", and prints nothing of what is bright but no
-# particle. F1 and false detections of SIFT's total row identify both, so they test nothing. The
-# misfit counts hundredths of F1 and standard deviations of the number of false detections.
+# The thesis calls r "a user-defined threshold", and prints nothing of what is bright
+# but no particle. F1 and false detections of SIFT's total row identify both, so they
+# test nothing. The misfit counts hundredths of F1 and standard deviations of the number
+# of false detections.
 
 # %%
 table = pd.read_csv(paths.reference() / "sift_row.csv")
 table["f1_published"] = printed["f1"]["Total"]
-table["fp_published"] = printed["FP"].drop("Total").sum()  # its own cell is shifted in print
+table["fp_published"] = (
+    printed["FP"].drop("Total").sum()
+)  # its own cell is shifted in print
 caption = (
-    "Total row of SIFT by r of Eq. 2.28 (edge) and mean grey value of a spot of clutter, beside "
-    "Table 5.6; best pair first. Made by `kilnflight.experiments.detection.sift_row` on 50 frames."
+    "Total row of SIFT by r of Eq. 2.28 (edge) and mean grey value of a spot of "
+    "clutter, beside Table 5.6; best pair first. Made by "
+    "`kilnflight.experiments.detection.sift_row` on 50 frames."
 )
 figures.save("sift-edge", table, caption=caption, provenance=origin)
 
@@ -97,18 +109,27 @@ figures.save("sift-edge", table, caption=caption, provenance=origin)
 # %%
 both = pd.concat([otsu, sift], ignore_index=True)
 recall = summaries.class_recall(both, ["method", "subset"])
-# Section 5.1.3, Figs 5.5 and 5.6: recall in V1 to V5, in air with flame, without; on the wall
+# Section 5.1.3, Figs 5.5 and 5.6: recall in V1 to V5, in air with flame, without; on
+# the wall
 unlit_of_otsu = [0.16, 0.16, 0.16, 0.0, 0.35]
-printed = {"Otsu": [[1.0] * 5, unlit_of_otsu, [0.9] * 5], "SIFT": [[1.0] * 5, [0.5] * 5, [1.0] * 5]}
+printed = {
+    "Otsu": [[1.0] * 5, unlit_of_otsu, [0.9] * 5],
+    "SIFT": [[1.0] * 5, [0.5] * 5, [1.0] * 5],
+}
 rows = [int(subset.name[1]) - 1 for subset in subsets]
-known = {name: [[values[row] for row in rows] for values in each] for name, each in printed.items()}
+known = {
+    name: [[values[row] for row in rows] for values in each]
+    for name, each in printed.items()
+}
 picture = plots.draw_class_recall(recall, "method", known)
 caption = (
-    "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6. "
-    "Diamonds: published by class; for SIFT about 1, and 0.5 on average of what does not burn. No "
-    "bar: fewer than ten sightings."
+    "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and "
+    "5.6. Diamonds: published by class; for SIFT about 1, and 0.5 on average of what "
+    "does not burn. No bar: fewer than ten sightings."
 )
-figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## The time of SIFT
@@ -119,14 +140,18 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 table = claims.published("table_5.7").rename(columns={"dog_local_max": "threshold"})
 measured = times.groupby("threshold")["seconds"].median()
 table["measured_s"] = table["threshold"].map(measured)
-caption = "Time of SIFT for one frame by threshold, after Table 5.7 (MATLAB), and measured here."
+caption = (
+    "Time of SIFT for one frame by threshold, after Table 5.7 (MATLAB), and measured "
+    "here."
+)
 figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Claims
 #
-# With one frame per subset (scale quick or standard) there is no interval and no order. The other
-# values: r is 10 (D1), the difference is absolute (D2), keypoints have any size (D5).
+# With one frame per subset (scale quick or standard) there is no interval and no order.
+# The other values: r is 10 (D1), the difference is absolute (D2), keypoints have any
+# size (D5).
 
 
 # %%
@@ -142,17 +167,26 @@ def judge(both):
     half = abs(unlit["SIFT"].mean() - 0.5) <= 0.05
     more = unlit["SIFT"].mean() > unlit["Otsu"].mean()
     found = claims.all_of(bool(half), bool(more)) if frames > 1 else None
-    rates = labelled.sum_counts(both, ["method", "subset"]).set_index(["method", "subset"])["f1"]
+    rates = labelled.sum_counts(both, ["method", "subset"]).set_index(
+        ["method", "subset"]
+    )["f1"]
     draws = {
-        name: summaries.resampled_rates(part, seed)["f1"] for name, part in both.groupby("subset")
+        name: summaries.resampled_rates(part, seed)["f1"]
+        for name, part in both.groupby("subset")
     }
     ahead = [draws["V5"]["SIFT"] - draws["V5"]["Otsu"]]
-    ahead += [draw["SIFT"] - draws["V5"]["SIFT"] for name, draw in draws.items() if name != "V5"]
+    ahead += [
+        draw["SIFT"] - draws["V5"]["SIFT"]
+        for name, draw in draws.items()
+        if name != "V5"
+    ]
     lead = rates["SIFT", "V5"] - rates["Otsu", "V5"]
     reason = f"In V5 SIFT is {lead:+.2f} from Otsu's threshold."
     return [
         claims.check("sift-2", found, unlit["SIFT"]),
-        claims.check("sift-3", claims.all_of(*map(claims.above, ahead)), rates["SIFT"], reason),
+        claims.check(
+            "sift-3", claims.all_of(*map(claims.above, ahead)), rates["SIFT"], reason
+        ),
     ]
 
 
@@ -162,7 +196,9 @@ def both_with(rule, subsets=subsets):
     of_otsu = labelled.from_foreground(Otsu(), rule.largest_px)
     tried = labelled.compare_thresholds(subsets, scale, rule)
     of_sift = tried[tried["chosen"]].assign(method="SIFT")
-    return pd.concat([labelled.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True)
+    return pd.concat(
+        [labelled.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True
+    )
 
 
 any_size = 10_000.0  # px, wider than a frame
@@ -177,19 +213,25 @@ with_other = {
 # %%
 unlit = unlit_recall(both)
 total = labelled.sum_counts(both, ["method"]).set_index("method")["f1"]
-checks, compared = judge(both), []
+checks = judge(both)
+compared = []
 for choice, others in with_other.items():
     turns = choices.turned(checks, judge(others))
     f1 = labelled.sum_counts(others, ["method"]).set_index("method")["f1"]
     found = unlit_recall(others)["SIFT"].mean()
-    values = {"F1 of SIFT": (total["SIFT"], f1["SIFT"]), "F1 of Otsu": (total["Otsu"], f1["Otsu"])}
+    values = {
+        "F1 of SIFT": (total["SIFT"], f1["SIFT"]),
+        "F1 of Otsu": (total["Otsu"], f1["Otsu"]),
+    }
     values["recall of SIFT, unlit particles"] = unlit["SIFT"].mean(), found
     compared += [
-        choices.compare(choice, name, chosen=float(ours), other=float(theirs), turns=turns)
+        choices.compare(
+            choice, name, chosen=float(ours), other=float(theirs), turns=turns
+        )
         for name, (ours, theirs) in values.items()
     ]
 result = (
-    f"F1 is {total['Otsu']:.3f} with Otsu's threshold and {total['SIFT']:.3f} with SIFT, which "
-    f"finds {unlit['SIFT'].mean():.0%} of the particles that do not burn."
+    f"F1 is {total['Otsu']:.3f} with Otsu's threshold and {total['SIFT']:.3f} with "
+    f"SIFT, which finds {unlit['SIFT'].mean():.0%} of the particles that do not burn."
 )
 figures.conclude(result, checks, origin, choices=compared)

@@ -1,14 +1,15 @@
 # %% [markdown]
 # # The combined detector decides five cases
 #
-# **The work.** The thesis (section 3.1) compares keypoints of a picture with clusters of a cloud.
-# Local grey-value peaks and the difference from the frame before decide five cases (Figs 3.1 to
-# 3.9).
+# **The work.** The thesis (section 3.1) compares keypoints of a picture with clusters
+# of a cloud. Local grey-value peaks and the difference from the frame before decide
+# five cases (Figs 3.1 to 3.9).
 #
-# **Here.** The same steps on one simulated frame. A keypoint and a cluster belong together where
-# the disc of the keypoint meets the rectangle of the cluster. Three rules are ours. A peak exceeds
-# the noise of the frame five times. Several keypoints with several clusters are decided as case 2.
-# Keypoints and clusters wider than 90 px are remainders of the wall.
+# **Here.** The same steps on one simulated frame. A keypoint and a cluster belong
+# together where the disc of the keypoint meets the rectangle of the cluster. Three
+# rules are ours. A peak exceeds the noise of the frame five times. Several keypoints
+# with several clusters are decided as case 2. Keypoints and clusters wider than 90 px
+# are remainders of the wall.
 #
 # **One number.** The thesis gives no number for these steps.
 #
@@ -17,7 +18,9 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames that choose the threshold
 seed = 0  # of the scene
-frames = 0  # labelled frames per subset that choose the threshold; 0: 1, 1 or 10 by scale
+frames = (
+    0  # labelled frames per subset that choose the threshold; 0: 1, 1 or 10 by scale
+)
 
 # %%
 import numpy as np
@@ -52,24 +55,31 @@ threshold = float(best[subset.name])  # best on the other subsets
 # %%
 top, bottom, left, right = known.flame_roi
 flame = flame_mask(view.gray, known.flame_roi)[top:bottom, left:right]
-size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.sum())], "of_px": [flame.size]})
+size = pd.DataFrame(
+    {"frame": [t], "flame_px": [int(flame.sum())], "of_px": [flame.size]}
+)
 
 # %% tags=["hide-input"]
 extent = (left, right, bottom, top)
 picture, (panels,) = style.canvas(1, 2, width_mm=120, height_mm=70, sharey=True)
-for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
+for axes, title in zip(
+    panels, ("rectangle around the burner", "segmented flame"), strict=True
+):
     axes.imshow(view.gray[top:bottom, left:right], cmap="gray", extent=extent)
     axes.set(title=title, xlabel="column (px)")
 panels[0].set_ylabel("row (px)")
 around = (left, right, top, bottom)
 panels[1].contour(flame, levels=[0.5], colors=style.COLOURS[1], extent=around)
-caption = "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
+caption = (
+    "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
+)
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Keypoints and clusters
 #
-# The wall is the largest cluster of the first pass. The second pass clusters the other points.
+# The wall is the largest cluster of the first pass. The second pass clusters the other
+# points.
 
 # %%
 labels = combination.second_pass(view.xyz, *labelled.PASSES["DBSCAN"])
@@ -77,33 +87,41 @@ keypoints = labelled.sift(threshold)(view.foreground)
 keypoints = combination.no_larger(keypoints)
 keypoints = keypoints[inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = combination.sort_clusters(view.pixels, view.xyz, labels)
-clusters = take_clusters(clusters, combination.widths(clusters) <= combination.LARGEST_PX)
+clusters = take_clusters(
+    clusters, combination.widths(clusters) <= combination.LARGEST_PX
+)
 clusters = take_clusters(clusters, inside(known.roi, *combination.centers(clusters).T))
 cases = list(potential_particles(keypoints, clusters))
 number = len(clusters.start) - 1
-print(f"{len(keypoints)} keypoints, {number} clusters: {len(cases)} potential particles")
+print(
+    f"{len(keypoints)} keypoints, {number} clusters: {len(cases)} potential particles"
+)
 
 # %%
 size = {"width_mm": style.PAGE_MM, "height_mm": 135}
-picture = plots.draw_keypoints_and_clusters(view.gray, keypoints, clusters, known.roi, **size)
+picture = plots.draw_keypoints_and_clusters(
+    view.gray, keypoints, clusters, known.roi, **size
+)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
-    "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in a simulated "
-    "frame, with the region of interest. After Figs 3.1 and 3.2."
+    "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in a "
+    "simulated frame, with the region of interest. After Figs 3.1 and 3.2."
 )
 figures.save("fig-3-2-both", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The five cases
 #
-# Case 1: one keypoint and one cluster. Case 2: a cluster with several keypoints. Case 3: a keypoint
-# with several clusters. Case 4: a cluster alone. Case 5: a keypoint alone.
+# Case 1: one keypoint and one cluster. Case 2: a cluster with several keypoints. Case
+# 3: a keypoint with several clusters. Case 4: a cluster alone. Case 5: a keypoint
+# alone.
 
 # %%
 rule = combination.Combination()
 evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
 marked = subset.particles.loc[subset.particles["frame"] == t, ["row", "col"]].to_numpy()
-examples, rows = {case: [] for case in range(1, 6)}, []
+examples = {case: [] for case in range(1, 6)}
+rows = []
 for case, spots, groups in cases:
     parts = (keypoints[spots], take_clusters(clusters, groups))
     particles = combination.decide_case(case, *parts, evidence)
@@ -114,13 +132,16 @@ for case, spots, groups in cases:
     examples[case].append((*parts, particles, (score.fp, score.fn)))
 shown = []
 for case, each in examples.items():  # two that the truth confirms, and a wrong one
-    right, wrong = ([one for one in each if any(one[3]) == kind] for kind in (False, True))
+    right, wrong = (
+        [one for one in each if any(one[3]) == kind] for kind in (False, True)
+    )
     picked = [*right[len(right) // 3 :][:2], *wrong[len(wrong) // 2 :][:1]]
     shown += [(case, *row) for row in picked] + [None] * (3 - len(picked))
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(5, 3, width_mm=110, height_mm=190)
-dark, bright = 0.6 * np.sqrt(np.median(view.gray)), 256
+dark = 0.6 * np.sqrt(np.median(view.gray))
+bright = 256
 for axes, example in zip(grid.flat, shown, strict=True):
     axes.axis("off")
     if example is None:
@@ -129,13 +150,17 @@ for axes, example in zip(grid.flat, shown, strict=True):
     where = np.concatenate([spots[:, :2], groups.pixels])
     (y, x) = where.mean(axis=0)
     axes.imshow(np.sqrt(view.gray), cmap="gray", vmin=dark, vmax=bright)
-    axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=style.COLOURS[6])
+    axes.scatter(
+        groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=style.COLOURS[6]
+    )
     style.draw_circles(axes, spots, style.COLOURS[5])
     for particle in particles:
         axes.plot(particle[1], particle[0], "x", color=style.COLOURS[1], ms=7)
     half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
     axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-    errors = ", ".join(f"{n} {word}" for n, word in ((false, "false"), (missed, "missed")) if n)
+    errors = ", ".join(
+        f"{n} {word}" for n, word in ((false, "false"), (missed, "missed")) if n
+    )
     verdict = f"wrong: {errors}" if errors else "right"
     axes.set_title(f"case {case}: {len(particles)} found\n{verdict}", fontsize=6.5)
 
@@ -145,30 +170,37 @@ table["wrong"] = (table["false"] > 0) | (table["missed"] > 0)
 counts = table.groupby("case").agg("sum").reset_index()
 counts.insert(1, "potential", table.groupby("case").size().to_numpy())
 caption = (
-    "Examples of the five cases in one simulated frame, after Figs 3.5 to 3.9; two that the truth "
-    "confirms and a wrong one, as far as there are. Circles: keypoints; dots: points of clusters; "
-    "crosses: decided particles. Truth: marked particles within 8 px of these."
+    "Examples of the five cases in one simulated frame, after Figs 3.5 to 3.9; two "
+    "that the truth confirms and a wrong one, as far as there are. Circles: keypoints; "
+    "dots: points of clusters; crosses: decided particles. Truth: marked particles "
+    "within 8 px of these."
 )
-figures.save("fig-3-5-cases", counts, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-3-5-cases", counts, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Grey values decide
 #
-# Case 2 counts peaks in the cluster's rectangle. Cases 4 and 5 use the frame and its difference
-# from the frame before (Figs 3.7 to 3.9).
+# Case 2 counts peaks in the cluster's rectangle. Cases 4 and 5 use the frame and its
+# difference from the frame before (Figs 3.7 to 3.9).
 
 # %%
 several = max(examples[2], key=lambda row: len(row[2]))[1]
 alone = max(examples[4], key=lambda row: (len(row[2]), -len(row[1].pixels)))[1]
 change = np.abs(view.gray.astype(float) - view.previous)
-first, second = (combination.widened(combination.around(each.pixels)) for each in (several, alone))
+first, second = (
+    combination.widened(combination.around(each.pixels)) for each in (several, alone)
+)
 peaks = evidence.peaks(first)
 images = [("case 2: peaks", view.gray, first), ("case 4: frame", view.gray, second)]
 images += [("case 4: difference", change, second)]
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62)
-for axes, (title, image, (top, bottom, left, right)) in zip(panels, images, strict=True):
+for axes, (title, image, (top, bottom, left, right)) in zip(
+    panels, images, strict=True
+):
     extent = (left, right, bottom, top)
     axes.imshow(image[top:bottom, left:right], cmap="gray", extent=extent)
     axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
@@ -176,10 +208,12 @@ for axes, (title, image, (top, bottom, left, right)) in zip(panels, images, stri
 panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=style.COLOURS[1], ms=8)
 table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
 caption = (
-    "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "
-    "difference from the frame before. After Figs 3.7 to 3.9."
+    "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame "
+    "and in its difference from the frame before. After Figs 3.7 to 3.9."
 )
-figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-3-7-evidence", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %%
 case_4 = counts.set_index("case").loc[4]

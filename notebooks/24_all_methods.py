@@ -1,19 +1,20 @@
 # %% [markdown]
 # # Combining pictures with 3D points improves detection; SIFT with DBSCAN is ahead
 #
-# **The work.** The thesis (section 5.1.3, Table 5.11) compares eleven methods on 50 labelled
-# frames: two in pictures, three in clouds, six combinations. Every combination beats its method in
-# pictures; SIFT with DBSCAN is best.
+# **The work.** The thesis (section 5.1.3, Table 5.11) compares eleven methods on 50
+# labelled frames: two in pictures, three in clouds, six combinations. Every combination
+# beats its method in pictures; SIFT with DBSCAN is best.
 #
-# **Here.** The same methods on five simulated recordings. The threshold of SIFT for a recording is
-# found on the other four. All methods run again with the other value of eight choices that the
-# thesis does not print (notebook 01). The row of SIFT alone is an input: it set r and the clutter.
+# **Here.** The same methods on five simulated recordings. The threshold of SIFT for a
+# recording is found on the other four. All methods run again with the other value of
+# eight choices that the thesis does not print (notebook 01). The row of SIFT alone is
+# an input: it set r and the clutter.
 #
 # **One number.** F1 of SIFT with DBSCAN: 0.9017 printed, 0.9261 here.
 #
-# **What disagrees.** Combinations gain 0.086 over Otsu and 0.047 over SIFT, 0.039 and 0.022 by the
-# printed counts. SIFT with DBSCAN is 0.004 ahead of Otsu with DBSCAN, and within chance of it with
-# the other value of D1, D2, D4, D6 or D7.
+# **What disagrees.** Combinations gain 0.086 over Otsu and 0.047 over SIFT, 0.039 and
+# 0.022 by the printed counts. SIFT with DBSCAN is 0.004 ahead of Otsu with DBSCAN, and
+# within chance of it with the other value of D1, D2, D4, D6 or D7.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -44,14 +45,15 @@ images = frames * len(subsets)
 # Nine variants; the first is ours. Four change a method:
 #
 # - **D1**: r of Eq. 2.28 is 10, as Lowe takes it.
-# - **D2**: the difference from the median background is absolute, so that dark particles stay.
-# - **D4**: a keypoint and a cluster belong together where the keypoint's disc meets a pixel of the
-#   cluster, not its rectangle.
+# - **D2**: the difference from the median background is absolute, so that dark
+#   particles stay.
+# - **D4**: a keypoint and a cluster belong together where the keypoint's disc meets a
+#   pixel of the cluster, not its rectangle.
 # - **D5**: keypoints of any size count, not only those up to 90 px in diameter.
 #
-# Four more change the simulation: flames are thin, long and not overexposed (**D6**), errors of the
-# wall's depth are narrow (**D7**), chips and granules are darker than the inlet plate (**D8**),
-# nothing but particles is lighter than the background (**D9**).
+# Four more change the simulation: flames are thin, long and not overexposed (**D6**),
+# errors of the wall's depth are narrow (**D7**), chips and granules are darker than the
+# inlet plate (**D8**), nothing but particles is lighter than the background (**D9**).
 
 # %%
 any_size = 10_000.0  # px, wider than a frame
@@ -74,12 +76,17 @@ scenarios = {
 
 # %%
 def detect(seen, rule, known):
-    """Return the attempts of eleven methods; ``known`` keeps the clusters of each subset."""
+    """Return the attempts of eleven methods; ``known`` keeps the clusters of each
+    subset.
+    """
     parts = []
-    threshold = labelled.chosen_thresholds(labelled.compare_thresholds(seen, scale, rule))
+    threshold = labelled.chosen_thresholds(
+        labelled.compare_thresholds(seen, scale, rule)
+    )
     for subset in seen:
         sift = replace(rule.detector, threshold=float(threshold[subset.name]))
-        own, roi = replace(rule, detector=sift), subset.recording.attributes.roi
+        own = replace(rule, detector=sift)
+        roi = subset.recording.attributes.roi
         clusters = known.setdefault(subset.name, {})
         methods = labelled.table_5_11_methods(own, roi, clusters)
         found = labelled.run([subset], methods)
@@ -87,14 +94,19 @@ def detect(seen, rule, known):
     return pd.concat(parts)
 
 
-known, attempted = {}, {}
+known = {}
+attempted = {}
 for reading, (seen, rule) in readings.items():
     attempted[reading] = detect(seen, rule, known)
 fewer = {"quick": 1, "standard": 1}.get(scale)  # of the simulations in a reduced run
 for choice, scenario in list(scenarios.items())[:fewer]:
     simulated = labelled.labelled_subsets(scale, seed, frames, scenario)
     attempted[choice] = detect(simulated, labelled.OURS, {})
-every = pd.concat(attempted, names=["reading"]).reset_index("reading").reset_index(drop=True)
+every = (
+    pd.concat(attempted, names=["reading"])
+    .reset_index("reading")
+    .reset_index(drop=True)
+)
 attempts = every[every["reading"] == "ours"]
 
 # %% [markdown]
@@ -102,28 +114,31 @@ attempts = every[every["reading"] == "ours"]
 #
 # QCC alone is printed with an F1 of 0.6210; its counts give 0.5808.
 #
-# Section 3.3 calls the 45 px of the scoring distance a diameter: 2 x 15 px, enlarged 1.5 times.
-# Eq. 3.4 compares them with a distance, as all tables do. The column `f1_diameter_45_px` shows the
-# other reading.
+# Section 3.3 calls the 45 px of the scoring distance a diameter: 2 x 15 px, enlarged
+# 1.5 times. Eq. 3.4 compares them with a distance, as all tables do. The column
+# `f1_diameter_45_px` shows the other reading.
 
 # %%
 total = labelled.sum_counts(attempts, ["method"])
-near = attempts.groupby("method", sort=False)[[f"{count}_near" for count in labelled.COUNTS]].sum()
+near = attempts.groupby("method", sort=False)[
+    [f"{count}_near" for count in labelled.COUNTS]
+].sum()
 total["f1_diameter_45_px"] = rates(*near.to_numpy().T)["f1"]
 names = [*summaries.RATES, "f1_diameter_45_px", "f1_in_pixels"]
 table = total[["method", *labelled.COUNTS, *names]]
 table = summaries.beside_published(table, "table_5.11")
 caption = (
-    f"Eleven methods on {images} labelled frames in the region of interest, after Table 5.11. "
-    "Scoring distance 45 px; F1 also with 45 px as a diameter and within the pixels of a particle."
+    f"Eleven methods on {images} labelled frames in the region of interest, after "
+    "Table 5.11. Scoring distance 45 px; F1 also with 45 px as a diameter and within "
+    "the pixels of a particle."
 )
 figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Beside the publication
 #
-# Intervals come from drawing frames anew within each subset. The published F1 is computed from the
-# printed counts.
+# Intervals come from drawing frames anew within each subset. The published F1 is
+# computed from the printed counts.
 
 # %%
 printed = claims.published("table_5.11").set_index("method")
@@ -135,16 +150,18 @@ f1["f1_published_recomputed"] = recomputed["f1"]
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
 plots.draw_intervals(axes, f1, "f1_published_recomputed", "f1_in_pixels")
 caption = (
-    "Simulated F1 of eleven methods beside Table 5.11. Dots: scoring distance 45 px, with 95 % "
-    "intervals over draws of frames; squares: within a particle's pixels; diamonds: published, "
-    "from its counts."
+    "Simulated F1 of eleven methods beside Table 5.11. Dots: scoring distance 45 px, "
+    "with 95 % intervals over draws of frames; squares: within a particle's pixels; "
+    "diamonds: published, from its counts."
 )
 table = f1.reset_index()
-figures.save("detection-scores", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "detection-scores", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
-# The thesis shows the recall of each class for the single methods. On the wall all combinations
-# find more particles than Otsu alone, and fewer than SIFT alone.
+# The thesis shows the recall of each class for the single methods. On the wall all
+# combinations find more particles than Otsu alone, and fewer than SIFT alone.
 
 # %%
 recall = summaries.class_recall(attempts, ["method"])
@@ -157,17 +174,23 @@ figures.save("detection-class-recall", table, caption=caption, provenance=origin
 # %% [markdown]
 # ## What a combination gains
 #
-# Differences of means over the methods whose names begin as given, over the same draws of frames.
+# Differences of means over the methods whose names begin as given, over the same draws
+# of frames.
 
 # %%
-pairs = [("Combi OTSU", "2D-OTSU"), ("Combi SIFT", "2D-SIFT"), ("Combi SIFT", "Combi OTSU")]
+pairs = [
+    ("Combi OTSU", "2D-OTSU"),
+    ("Combi SIFT", "2D-SIFT"),
+    ("Combi SIFT", "Combi OTSU"),
+]
 pairs += [("Combi", "3D"), ("3D", "2D"), ("Combi", "2D")]
 
 
 def compare_groups(attempts):
     """Return the difference of each pair in each rate, with its interval."""
     draws = summaries.resampled_rates(attempts, seed)
-    ours, rows = labelled.sum_counts(attempts, ["method"]).set_index("method"), []
+    ours = labelled.sum_counts(attempts, ["method"]).set_index("method")
+    rows = []
     for (first, second), rate in product(pairs, summaries.RATES):
         here, published, drawn = (
             table.filter(regex=f"^{first}").mean(axis=1)
@@ -175,7 +198,12 @@ def compare_groups(attempts):
             for table in (ours[[rate]].T, recomputed[[rate]].T, draws[rate])
         )
         low, high = drawn.quantile([0.025, 0.975])
-        row = {"first": first, "second": second, "rate": rate, "difference": here.item()}
+        row = {
+            "first": first,
+            "second": second,
+            "rate": rate,
+            "difference": here.item(),
+        }
         rows.append(row | {"low": low, "high": high, "published": published.item()})
     return pd.DataFrame(rows)
 
@@ -183,16 +211,17 @@ def compare_groups(attempts):
 # %%
 gains = compare_groups(attempts)
 caption = (
-    "Mean rate of the first group of methods minus that of the second, with 95 % intervals over "
-    f"draws of {images} frames. Published: from the counts of Table 5.11."
+    "Mean rate of the first group of methods minus that of the second, with 95 % "
+    f"intervals over draws of {images} frames. Published: from the counts of Table "
+    "5.11."
 )
 figures.save("detection-gains", gains, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## With an absolute difference
 #
-# Dark particles stay in the foreground. Of the readings of the methods this one changes SIFT alone
-# most.
+# Dark particles stay in the foreground. Of the readings of the methods this one changes
+# SIFT alone most.
 
 # %%
 both = {}
@@ -208,11 +237,13 @@ table = both["ours"][columns].merge(
 thresholds = ["threshold", "threshold_absolute"]
 table[thresholds] = table[thresholds].where(table["method"].str.contains("SIFT"))
 of_print = summaries.beside_published(table[["method"]].drop_duplicates(), "table_5.11")
-table = table.merge(of_print.assign(subset="Total"), how="left", on=["method", "subset"])
+table = table.merge(
+    of_print.assign(subset="Total"), how="left", on=["method", "subset"]
+)
 caption = (
-    "Eleven methods after a difference from the median background that stops at zero, and after an "
-    f"absolute one, by subset and in total, beside Table 5.11; {images} labelled frames. Threshold "
-    "of SIFT in grey values."
+    "Eleven methods after a difference from the median background that stops at zero, "
+    f"and after an absolute one, by subset and in total, beside Table 5.11; {images} "
+    "labelled frames. Threshold of SIFT in grey values."
 )
 figures.save("absolute-difference", table, caption=caption, provenance=origin)
 
@@ -223,8 +254,9 @@ figures.save("absolute-difference", table, caption=caption, provenance=origin)
 
 # %%
 result = (
-    f"Pictures and 3D points together raise F1 from {f1['f1']['2D-SIFT']:.2f} with SIFT alone to "
-    f"{f1['f1']['Combi SIFT+DBSCAN']:.2f} with SIFT and DBSCAN (thesis: 0.87 and 0.90)."
+    f"Pictures and 3D points together raise F1 from {f1['f1']['2D-SIFT']:.2f} with "
+    f"SIFT alone to {f1['f1']['Combi SIFT+DBSCAN']:.2f} with SIFT and DBSCAN (thesis: "
+    "0.87 and 0.90)."
 )
 
 
@@ -245,17 +277,25 @@ def judge_methods(attempts):
     """Return the verdicts on single methods."""
     f1 = labelled.sum_counts(attempts, ["method"]).set_index("method")["f1"]
     draws = summaries.resampled_rates(attempts, seed)["f1"]
-    combined, clouds = f1.filter(like="Combi"), f1.filter(like="3D")
+    combined = f1.filter(like="Combi")
+    clouds = f1.filter(like="3D")
     own = {name: "2D-" + name.split()[1].split("+")[0] for name in combined.index}
     beaten = [claims.above(draws[name] - draws[other]) for name, other in own.items()]
-    gain = (combined - f1[own.values()].to_numpy()).groupby(own).mean().rename(lambda n: n[3:])
+    gain = (
+        (combined - f1[own.values()].to_numpy())
+        .groupby(own)
+        .mean()
+        .rename(lambda n: n[3:])
+    )
     best = draws["Combi SIFT+DBSCAN"]
     is_best = [claims.above(best - draws[name]) for name in draws if name != best.name]
     nearly = bool(clouds.between(0.55, 0.65).all())
     below = bool(clouds.max() < f1[own.values()].min())
     far = "Differences from all others must exclude 0."
     return [
-        claims.check("cluster-6", nearly and below, clouds, "Bounds 0.55 to 0.65 are ours."),
+        claims.check(
+            "cluster-6", nearly and below, clouds, "Bounds 0.55 to 0.65 are ours."
+        ),
         claims.check("combi-1", claims.all_of(*beaten), gain),
         claims.check("combi-2", claims.all_of(*is_best), f1.nlargest(2), far),
     ]
@@ -267,8 +307,12 @@ def judge_gains(attempts):
     by_pair = compare_groups(attempts).groupby(["first", "second"])
     groups = (by_pair.get_group(pair).set_index("rate") for pair in pairs)
     otsu, sift, apart, over, dragged, every = groups
-    low, high, gain = dragged["low"], dragged["high"], otsu["difference"]
-    mainly = claims.beyond(low["recall"] - high["precision"], high["recall"] - low["precision"])
+    low = dragged["low"]
+    high = dragged["high"]
+    gain = otsu["difference"]
+    mainly = claims.beyond(
+        low["recall"] - high["precision"], high["recall"] - low["precision"]
+    )
     by_precision = claims.all_of(falls(dragged, "precision"), mainly)
     less = bool(abs(gain["precision"]) < gain["recall"])
     with_otsu = claims.all_of(rises(otsu, "recall"), falls(otsu, "precision"), less)
@@ -281,9 +325,13 @@ def judge_gains(attempts):
     return [
         claims.check("cluster-11", by_precision, dragged["difference"]),
         claims.check("combi-3", with_otsu, gain, "Gains over Otsu alone."),
-        claims.check("combi-4", with_sift, sift["difference"], "Gains over SIFT alone."),
+        claims.check(
+            "combi-4", with_sift, sift["difference"], "Gains over SIFT alone."
+        ),
         claims.check("combi-5", size, f1_gain),
-        claims.check("combi-6", either, apart["difference"], "Differences are SIFT less Otsu."),
+        claims.check(
+            "combi-6", either, apart["difference"], "Differences are SIFT less Otsu."
+        ),
         claims.check("combi-7", above, over["difference"]["f1"]),
     ]
 
@@ -293,7 +341,8 @@ def judge(attempts):
 
 
 # %%
-checks, compared = judge(attempts), []
+checks = judge(attempts)
+compared = []
 for choice, others in every[every["reading"] != "ours"].groupby("reading"):
     turns = choices.turned(checks, judge(others))
     other = labelled.sum_counts(others, ["method"]).set_index("method")["f1"]

@@ -1,16 +1,17 @@
 # %% [markdown]
 # # Sketches of post-processing: outliers and joined tracklets
 #
-# **The work.** Sketches of the thesis (sections 4.2.2 and 4.2.3, Figs 4.5 to 4.7, 4.9, 4.10 and
-# 4.14) show which positions of a tracklet are outliers, and how two tracklets are joined.
+# **The work.** Sketches of the thesis (sections 4.2.2 and 4.2.3, Figs 4.5 to 4.7, 4.9,
+# 4.10 and 4.14) show which positions of a tracklet are outliers, and how two tracklets
+# are joined.
 #
-# **Here.** Hand-made cases of the same kind pass our functions with the limits of Table 5.16. No
-# claim is tested.
+# **Here.** Hand-made cases of the same kind pass our functions with the limits of Table
+# 5.16. No claim is tested.
 #
 # **One number.** Outliers in situation 3 of Fig. 4.5: 1 printed, 1 here.
 #
-# **What disagrees.** With six positions, the rule as printed also removes a correct first position
-# (Fig. 4.6).
+# **What disagrees.** With six positions, the rule as printed also removes a correct
+# first position (Fig. 4.6).
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: nothing here depends on it
@@ -36,9 +37,10 @@ GREEN, RED, BLUE = (style.COLOURS[k] for k in (4, 1, 2))
 # %% [markdown]
 # ## Outliers
 #
-# A position is an outlier where the path turns by more than 30 degrees and the velocity changes by
-# more than 18 px/frame (Eqs 4.18 to 4.20). Cases are velocities (row, col) in px/frame from each
-# position to the next, and frames. By Eq. 4.17 a missed frame alone changes no velocity.
+# A position is an outlier where the path turns by more than 30 degrees and the velocity
+# changes by more than 18 px/frame (Eqs 4.18 to 4.20). Cases are velocities (row, col)
+# in px/frame from each position to the next, and frames. By Eq. 4.17 a missed frame
+# alone changes no velocity.
 
 # %%
 A = (2, 12)  # straight ahead
@@ -58,7 +60,8 @@ class SecondAlone(tracklets.OutlierRemoval):
     """Eq. 4.20 at the second position alone, not backwards from the last one."""
 
     def first_outlier(self, frame, place):
-        found, speed = super().first_outlier(frame, place), velocities(frame, place)
+        found = super().first_outlier(frame, place)
+        speed = velocities(frame, place)
         angle, change = turns(speed[1:2], speed[2:3])
         sharp = (angle > self.angle_deg) & (change > self.change)
         return 1 if found != 0 and sharp.any() else found
@@ -68,7 +71,9 @@ parts = []
 for case, (steps, frames) in cases.items():
     moved = np.array(steps, float) * np.diff(frames)[:, None]
     place = np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
-    part = pd.DataFrame({"case": case, "frame": frames, "row": place[:, 0], "col": place[:, 1]})
+    part = pd.DataFrame(
+        {"case": case, "frame": frames, "row": place[:, 0], "col": place[:, 1]}
+    )
     speed = velocities(np.array(frames), place)
     angle, change = turns(speed[:-1], speed[1:])
     sharp = np.flatnonzero((angle > outliers.angle_deg) & (change > outliers.change))
@@ -81,26 +86,39 @@ for case, (steps, frames) in cases.items():
 judged = pd.concat(parts, ignore_index=True)
 
 # %% [markdown]
-# In situation 3 only T4 goes in the thesis. The second position is examined backwards from the last
-# one: T4 is the first to meet Eq. 4.20, so the second stays. Eq. 4.20 alone would take T2 and T3 as
-# well. With five positions or more, the first one is compared with the mean of the next three
-# velocities before the backward scan, and goes too (Fig. 4.6). The caption of Fig. 4.7 speaks of
-# the last velocities instead; the forward scan judges those anyway. Numbers in the pictures are the
-# turn and the change of velocity.
+# In situation 3 only T4 goes in the thesis. The second position is examined backwards
+# from the last one: T4 is the first to meet Eq. 4.20, so the second stays. Eq. 4.20
+# alone would take T2 and T3 as well. With five positions or more, the first one is
+# compared with the mean of the next three velocities before the backward scan, and goes
+# too (Fig. 4.6). The caption of Fig. 4.7 speaks of the last velocities instead; the
+# forward scan judges those anyway. Numbers in the pictures are the turn and the change
+# of velocity.
 
 # %%
 panels = [(title, title, "removed") for title in cases]  # title, case, column
-third, second = panels[2][0], panels[3][0]
-alone, forwards = ("Eq. 4.20 at the second alone", third, "alone"), ("forwards", second, "forwards")
+third = panels[2][0]
+second = panels[3][0]
+alone = ("Eq. 4.20 at the second alone", third, "alone")
+forwards = ("forwards", second, "forwards")
 shown = {
-    "fig-4-5-outliers": ("Three situations of an outlier, after Fig. 4.5", [*panels[:3], alone]),
-    "fig-4-6-backwards": ("Outlier in second position, after Fig. 4.6", [forwards, *panels[3:5]]),
+    "fig-4-5-outliers": (
+        "Three situations of an outlier, after Fig. 4.5",
+        [*panels[:3], alone],
+    ),
+    "fig-4-6-backwards": (
+        "Outlier in second position, after Fig. 4.6",
+        [forwards, *panels[3:5]],
+    ),
     "fig-4-7-ends": ("Outlier in first and last position, after Fig. 4.7", panels[5:]),
 }
 
 # %% tags=["hide-input"]
-number, row = judged.groupby("case").cumcount(), judged.groupby("case")["row"]
-near = np.minimum(row.shift(1).fillna(np.inf), row.shift(-1).fillna(np.inf)) - judged["row"]
+number = judged.groupby("case").cumcount()
+row = judged.groupby("case")["row"]
+near = (
+    np.minimum(row.shift(1).fillna(np.inf), row.shift(-1).fillna(np.inf))
+    - judged["row"]
+)
 above = (near > 0) | ((number % 2 == 1) & (near > -15))  # free of arrows
 labels = []
 for k, point in zip(number, judged.to_dict("records"), strict=True):
@@ -118,7 +136,8 @@ for identifier, (caption, panels) in shown.items():
     picture, grid = style.canvas(rows, len(panels) // rows, **size)
     for axes, (title, case, column) in zip(grid.flat, panels, strict=True):
         part = judged[judged["case"] == case]
-        place, out = part[["col", "row"]], part[column]
+        place = part[["col", "row"]]
+        out = part[column]
         for before, after in pairwise(place.to_numpy()):
             axes.annotate("", after, before, arrowprops=arrow)
         axes.plot(*place[~out].to_numpy().T, "o", color=GREEN, ms=6, label="inlier")
@@ -129,7 +148,9 @@ for identifier, (caption, panels) in shown.items():
         axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
         axes.margins(0.2, 0.3)
         axes.invert_yaxis()
-    picture.legend(*grid[-1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    picture.legend(
+        *grid[-1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=2
+    )
     table = judged[judged["case"].isin([case for _, case, _ in panels])]
     caption = f"{caption}. Hand-made tracklets with the limits of Table 5.16."
     figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
@@ -137,9 +158,10 @@ for identifier, (caption, panels) in shown.items():
 # %% [markdown]
 # ## Joined tracklets
 #
-# Two pairs with the frames of Fig. 4.10. Without common frames a pair is connected. With common
-# frames it is merged, and each common position is the mean of both. Frames that only one of them
-# has stay as they are, so a merged pair that lies apart zigzags (Fig. 4.9).
+# Two pairs with the frames of Fig. 4.10. Without common frames a pair is connected.
+# With common frames it is merged, and each common position is the mean of both. Frames
+# that only one of them has stay as they are, so a merged pair that lies apart zigzags
+# (Fig. 4.9).
 
 # %%
 pairs = {
@@ -148,15 +170,24 @@ pairs = {
 }
 parts = []
 for name, frames in pairs.items():
-    particle, time = np.repeat([0, 1], [len(each) for each in frames]), np.concatenate(frames)
-    both = pd.DataFrame({"pair": name, "tracklet": np.where(particle, "Tk", "Ti"), "frame": time})
-    both = both.assign(row=40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle, col=10.0 * time)
+    particle = np.repeat([0, 1], [len(each) for each in frames])
+    time = np.concatenate(frames)
+    both = pd.DataFrame(
+        {"pair": name, "tracklet": np.where(particle, "Tk", "Ti"), "frame": time}
+    )
+    both = both.assign(
+        row=40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle, col=10.0 * time
+    )
     both = both.assign(particle=particle, z=np.nan)
-    paths, first, second = read_paths(both, name), np.array([0]), np.array([1])
+    paths = read_paths(both, name)
+    first = np.array([0])
+    second = np.array([1])
     overlap = joining.overlap_in_time(paths, first, second)
     _, frame, place = joining.connected_parts(paths, first, second, overlap)
     inside = pd.MultiIndex.from_arrays([frame, *place[:, :2].T])
-    both["connected"] = pd.MultiIndex.from_frame(both[["frame", "row", "col"]]).isin(inside)
+    both["connected"] = pd.MultiIndex.from_frame(both[["frame", "row", "col"]]).isin(
+        inside
+    )
     joined = tracklets.tracked(connection(both)).assign(tracklet="Tj", connected=False)
     parts += [both, joined.sort_values("frame")]
 table = pd.concat(parts, ignore_index=True)
@@ -173,35 +204,52 @@ looks = {"Ti, earlier tracklet": ("o", BLUE, 5), "Tk, later tracklet": ("s", RED
 
 # %% tags=["hide-input"]
 for identifier, caption in captions.items():
-    picture, (panels,) = style.canvas(1, 2, sharey=True, width_mm=style.PAGE_MM, height_mm=72)
+    picture, (panels,) = style.canvas(
+        1, 2, sharey=True, width_mm=style.PAGE_MM, height_mm=72
+    )
     for axes, (name, both) in zip(panels, table.groupby("pair"), strict=True):
         for label, (mark, colour, side) in looks.items():
             part = both[both["tracklet"] == label[:2]]
             axes.plot(part["col"], part["row"], mark, color=colour, ms=5, label=label)
             if "joined" in identifier:
                 continue
-            where = {"xytext": (0, side), "va": "bottom" if side > 0 else "top", **beside}
+            where = {
+                "xytext": (0, side),
+                "va": "bottom" if side > 0 else "top",
+                **beside,
+            }
             for point in part.itertuples():
                 text = f"{point.frame}\n({point.cardinality})"
                 axes.annotate(text, (point.col, point.row), **where)
             inside = part[part["connected"]]
-            (left, top), (right, low) = inside[["col", "row"]].agg(["min", "max"]).to_numpy()
+            (left, top), (right, low) = (
+                inside[["col", "row"]].agg(["min", "max"]).to_numpy()
+            )
             box = (left - 5, top - 3), right - left + 10, low - top + 6
             axes.add_patch(Rectangle(*box, fill=False, ls="--", lw=0.8))
         if "joined" in identifier:
             part = both[both["tracklet"] == "Tj"]
-            look = {"marker": "D", "color": "black", "lw": 1, "ls": "-", "ms": 3, "mfc": "white"}
+            look = {
+                "marker": "D",
+                "color": "black",
+                "lw": 1,
+                "ls": "-",
+                "ms": 3,
+                "mfc": "white",
+            }
             axes.plot(part["col"], part["row"], label="Tj, joined", **look)
         axes.set(title=name, xlabel="column (px)", ylim=(94, 18))
     panels[0].set_ylabel("row (px)")
-    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    picture.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3
+    )
     figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which pairs are joined first
 #
-# Dual nearest neighbours join what is cheapest for both. The Hungarian method gives up the cheapest
-# pair for the least sum (Fig. 4.14).
+# Dual nearest neighbours join what is cheapest for both. The Hungarian method gives up
+# the cheapest pair for the least sum (Fig. 4.14).
 
 # %%
 earlier, later = np.array([[0, 0, 1, 1], [2, 3, 2, 3]])
@@ -210,13 +258,17 @@ instance = pd.DataFrame(possible._asdict())
 instance[["earlier", "later"]] += 1
 instance["dual_nearest"] = np.isin(np.arange(4), joining.dual_nearest(possible))
 instance["hungarian"] = np.isin(np.arange(4), joining.hungarian(possible))
-caption = "Which of four possible pairs are joined first, in a case like that of Fig. 4.14."
+caption = (
+    "Which of four possible pairs are joined first, in a case like that of Fig. 4.14."
+)
 figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 
 # %%
 lost = judged.groupby("case")["removed"].sum()
-one, two = lost[third], lost["six positions"]
+one = lost[third]
+two = lost["six positions"]
 result = (
-    f"Situation 3 has {one} outlier (printed 1). Of six positions {two} go, one of them correct."
+    f"Situation 3 has {one} outlier (printed 1). Of six positions {two} go, one of "
+    "them correct."
 )
 figures.conclude(result, [], origin)

@@ -1,13 +1,15 @@
 # %% [markdown]
-# # Lateral position: accounting for lateral motion is better than predicting straight on
+# # Lateral position: accounting for lateral motion is better than predicting straight
+# on
 #
-# **The work.** To hit a particle with a jet of air one must know where across the belt it leaves.
-# The 2020 paper (sections 4.2 and 5.3) combines models of the lateral position with models of the
-# arrival. Assuming no lateral movement was worst everywhere.
+# **The work.** To hit a particle with a jet of air one must know where across the belt
+# it leaves. The 2020 paper (sections 4.2 and 5.3) combines models of the lateral
+# position with models of the arrival. Assuming no lateral movement was worst
+# everywhere.
 #
-# **Here.** The same combinations on the authors' simulated (DEM) tracks at 100 Hz, predicted over
-# the last 150 mm of the belt as in notebook 40. Where these are not at hand, a friction model
-# stands in.
+# **Here.** The same combinations on the authors' simulated (DEM) tracks at 100 Hz,
+# predicted over the last 150 mm of the belt as in notebook 40. Where these are not at
+# hand, a friction model stands in.
 #
 # **One number.** Mean lateral velocity of cuboids: 0 mm/s printed, 0.14 mm/s here.
 #
@@ -37,7 +39,9 @@ seed = 2020  # of the calibration draws and of the friction model
 
 # %%
 style.use_style()
-origin = figures.trace("41_belt_lateral", {"scale": scale}, seed=seed, inputs=files.values())
+origin = figures.trace(
+    "41_belt_lateral", {"scale": scale}, seed=seed, inputs=files.values()
+)
 save = partial(figures.save, provenance=origin)
 tracks = paper_2020.load_tracks(files, seed, paper_2020.PARTICLES.get(scale))
 observed = {name: PHASE.observe(table) for name, table in tracks.items()}
@@ -49,7 +53,9 @@ observed = {name: PHASE.observe(table) for name, table in tracks.items()}
 parts = []
 for name, table in tracks.items():
     steps = paper_2020.step_velocities(table)
-    chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
+    chosen = np.random.default_rng(seed).choice(
+        steps["particle"].unique(), 15, replace=False
+    )
     parts.append(steps[steps["particle"].isin(chosen)].assign(data_set=name))
 samples = pd.concat(parts).rename(columns={"x": "x_mm"})
 
@@ -59,61 +65,90 @@ for axes, steps in zip(panels, parts, strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, track in steps.groupby("particle"):
         axes.plot(track["x"], track["velocity_y_mm_s"] / 1000, lw=0.8, ls="-")
-    axes.set(title=steps["data_set"].iloc[0], xlabel="x along the belt (mm)", ylim=(-0.13, 0.13))
+    axes.set(
+        title=steps["data_set"].iloc[0],
+        xlabel="x along the belt (mm)",
+        ylim=(-0.13, 0.13),
+    )
 _ = panels[0].set_ylabel("velocity across the belt (m/s)")
 
 # %%
 caption = (
-    "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of the 2020 "
+    "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of "
+    "the 2020 "
 )
 caption += "paper. Velocities above 0.13 m/s are cut off."
 save("fig-belt20-8-lateral-velocity", samples, caption=caption, picture=picture)
 
 # %% [markdown]
-# Section 4.2 reads off these curves that the lateral speed of cuboids falls almost linearly. So
-# a line is fitted to the mean and to the median lateral speed from 400 to 750 mm. The lateral
-# velocity is that at the last observation; section 4.2 assumes zero.
+# Section 4.2 reads off these curves that the lateral speed of cuboids falls almost
+# linearly. So a line is fitted to the mean and to the median lateral speed from 400 to
+# 750 mm. The lateral velocity is that at the last observation; section 4.2 assumes
+# zero.
 
 # %%
-places, motion = np.arange(400.0, 751.0, 25.0), []
+places = np.arange(400.0, 751.0, 25.0)
+motion = []
 for name, each in observed.items():
     kept = tracks[name]["particle"].isin(each.last["particle"])
     steps = paper_2020.step_velocities(tracks[name][kept])
     speed = np.abs(paper_2020.velocities_at(steps, "velocity_y_mm_s", places))
-    start, seen = each.last["velocity_y_mm_s"].to_numpy(), np.isfinite(speed).all(axis=1)
-    generator, n = np.random.default_rng(seed), len(start)
-    draws = [np.arange(n), *(generator.integers(0, n, n) for _ in range(REPLICATES[scale]))]
+    start = each.last["velocity_y_mm_s"].to_numpy()
+    seen = np.isfinite(speed).all(axis=1)
+    generator = np.random.default_rng(seed)
+    n = len(start)
+    draws = [
+        np.arange(n),
+        *(generator.integers(0, n, n) for _ in range(REPLICATES[scale])),
+    ]
     for word, centre in (("mean", np.mean), ("median", np.median)):
         rows = []
         for drawn in draws:
             profile = centre(speed[drawn[seen[drawn]]], axis=0)
             line = np.polyval(np.polyfit(places, profile, 1), places)
-            unexplained = ((profile - line) ** 2).sum() / ((profile - profile.mean()) ** 2).sum()
-            rows.append((1 - unexplained, 100 * (line[-1] / line[0] - 1), centre(start[drawn])))
+            unexplained = ((profile - line) ** 2).sum() / (
+                (profile - profile.mean()) ** 2
+            ).sum()
+            rows.append(
+                (1 - unexplained, 100 * (line[-1] / line[0] - 1), centre(start[drawn]))
+            )
         known = [(f"R2 of a line, {word} speed", "1", 0.025)]
         known += [(f"gain of {word} speed, 400 to 750 mm", "%", 0.025)]
-        known += [(f"{word} lateral velocity", "mm/s", 0.05 / 6)]  # three data sets at once
-        for (quantity, unit, tail), (value, *sample) in zip(known, np.transpose(rows), strict=True):
+        known += [
+            (f"{word} lateral velocity", "mm/s", 0.05 / 6)
+        ]  # three data sets at once
+        for (quantity, unit, tail), (value, *sample) in zip(
+            known, np.transpose(rows), strict=True
+        ):
             low, high = np.quantile(sample, [tail, 1 - tail])
             motion.append((source, name, quantity, unit, value, low, high))
 
 # %%
 columns = ["source", "data_set", "quantity", "unit", "value", "low", "high"]
 moves = pd.DataFrame(motion, columns=columns).round(3)
-caption = "How particles move across the belt, with 95 % intervals over particles (bootstrap). A "
-caption += "negative gain is a loss. Intervals of the velocity hold for three data sets together."
+caption = (
+    "How particles move across the belt, with 95 % intervals over particles "
+    "(bootstrap). A "
+)
+caption += (
+    "negative gain is a loss. Intervals of the velocity hold for three data sets "
+    "together."
+)
 save("belt-lateral-motion", moves, caption=caption)
 
 # %% [markdown]
 # ## What a prediction means for the valves
 #
-# Fig. 4 sketches eight nozzles. Here one sphere passes them: the first whose valve a straight
-# prediction gets wrong and constant velocity right.
+# Fig. 4 sketches eight nozzles. Here one sphere passes them: the first whose valve a
+# straight prediction gets wrong and constant velocity right.
 
 # %%
-spheres, pitch = observed["spheres"], 180.0 / 8  # mm: the belt's width, eight nozzles
+spheres = observed["spheres"]
+pitch = 180.0 / 8  # mm: the belt's width, eight nozzles
 n = len(spheres.last)
-calibration = np.isin(np.arange(n), np.random.default_rng(seed).permutation(n)[: n // 100])
+calibration = np.isin(
+    np.arange(n), np.random.default_rng(seed).permutation(n)[: n // 100]
+)
 told = {name: (t, y) for name, t, y in predictions(spheres, PHASE, calibration)}
 arrived = spheres.arrival[~calibration]
 told["optimal"] = arrived["time_s"].to_numpy(), arrived["y"].to_numpy()
@@ -122,18 +157,26 @@ shown = {name: told[name] for name in ("optimal", "Straight", "CV-CV")}
 nozzle = {name: np.floor(y / pitch).astype(int) for name, (_, y) in shown.items()}
 right = {name: nozzle[name] == nozzle["optimal"] for name in shown}
 one = int(np.argmax(~right["Straight"] & right["CV-CV"]))
-decisions = pd.DataFrame({name: (nozzle[name][one], y[one]) for name, (_, y) in shown.items()}).T
+decisions = pd.DataFrame(
+    {name: (nozzle[name][one], y[one]) for name, (_, y) in shown.items()}
+).T
 decisions = decisions.set_axis(["nozzle", "y_mm"], axis=1).rename_axis("decision")
 late = [1000 * (t[one] - shown["optimal"][0][one]) for t, _ in shown.values()]
-decisions = decisions.assign(opens_ms=np.subtract(late, 2.0), closes_ms=np.add(late, 2.0))
+decisions = decisions.assign(
+    opens_ms=np.subtract(late, 2.0), closes_ms=np.add(late, 2.0)
+)
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, sharey=True)
 titles = ("right valve and time", "wrong valve", "wrong time")
 for axes, title, (name, row) in zip(panels, titles, decisions.iterrows(), strict=True):
-    colour, hatch = (style.COLOURS[2], "") if name == "optimal" else (style.COLOURS[1], "///")
+    colour, hatch = (
+        (style.COLOURS[2], "") if name == "optimal" else (style.COLOURS[1], "///")
+    )
     corner = (row["opens_ms"], pitch * row["nozzle"])
-    axes.add_patch(Rectangle(corner, 4.0, pitch, facecolor=colour, hatch=hatch, alpha=0.5))
+    axes.add_patch(
+        Rectangle(corner, 4.0, pitch, facecolor=colour, hatch=hatch, alpha=0.5)
+    )
     axes.hlines(pitch * np.arange(9), -6, max(late) + 5, "0.7", lw=0.5)
     axes.plot(0.0, decisions["y_mm"]["optimal"], "o", color="0.1", ms=5)
     axes.set(title=f"{title} ({name})", xlabel="time after the arrival (ms)")
@@ -141,15 +184,22 @@ _ = panels[0].set_ylabel("y across the belt (mm)")
 
 # %%
 caption = (
-    "Valve decisions for one sphere and 8 nozzles, after Fig. 4 of the 2020 paper. Dot: where "
+    "Valve decisions for one sphere and 8 nozzles, after Fig. 4 of the 2020 paper. "
+    "Dot: where "
 )
-caption += "and when it arrives. Box: the valve that opens, for 4 ms (our choice). Hatched: wrong."
-save("fig-belt20-4-decisions", decisions.reset_index(), caption=caption, picture=picture)
+caption += (
+    "and when it arrives. Box: the valve that opens, for 4 ms (our choice). Hatched: "
+    "wrong."
+)
+save(
+    "fig-belt20-4-decisions", decisions.reset_index(), caption=caption, picture=picture
+)
 
 # %% [markdown]
 # ## Deviation of the lateral position
 #
-# Two combinations with the same lateral model differ only in the time that the particle takes.
+# Two combinations with the same lateral model differ only in the time that the particle
+# takes.
 
 # %%
 draws = paper_2020.CALIBRATION_DRAWS[scale]
@@ -157,24 +207,42 @@ compared = paper_2020.compare_models(observed, PHASE, lateral_deviations, draws,
 compared.insert(0, "source", source)
 lateral = paper_2020.with_unit(compared.round(6), "mm")
 caption = (
-    "Deviation of the predicted from the true lateral position in mm, over 150 mm to the edge. "
+    "Deviation of the predicted from the true lateral position in mm, over 150 mm to "
+    "the edge. "
 )
-caption += "Median, quartiles and mean absolute error, as medians over the calibration draws."
-columns = ["source", "data_set", "model", "n", "median_mm", "q25_mm", "q75_mm", "mae_mm"]
+caption += (
+    "Median, quartiles and mean absolute error, as medians over the calibration draws."
+)
+columns = [
+    "source",
+    "data_set",
+    "model",
+    "n",
+    "median_mm",
+    "q25_mm",
+    "q75_mm",
+    "mae_mm",
+]
 save("belt-lateral", lateral[columns], caption=caption)
 
 # %%
 label = {source: "predicted minus true position (mm)"}
 picture = paper_2020.draw_deviations(compared, "source", label, 58, 60)
-caption = "Deviation of the lateral position, after Fig. 10 of the 2020 paper: box plots without "
-caption += "outliers, with the widths of the boxes in mm. Names: arrival model, lateral model."
+caption = (
+    "Deviation of the lateral position, after Fig. 10 of the 2020 paper: box plots "
+    "without "
+)
+caption += (
+    "outliers, with the widths of the boxes in mm. Names: arrival model, lateral model."
+)
 save("fig-belt20-10-lateral", lateral, caption=caption, picture=picture)
 
 # %% [markdown]
 # ## Differences between models
 #
-# As in notebook 40 a sentence is reproduced if mean absolute error (MAE) and interquartile range
-# (IQR) both agree with it beyond chance. CA-CADSC is CA-CA without changes of sign.
+# As in notebook 40 a sentence is reproduced if mean absolute error (MAE) and
+# interquartile range (IQR) both agree with it beyond chance. CA-CADSC is CA-CA without
+# changes of sign.
 
 
 # %%
@@ -186,12 +254,18 @@ def deviate(each, phase, calibration):
 
 
 straight, *others, ratio = (name for name, _, _ in COMBINATIONS)
-orders = [("belt20-7", (*others, ratio), (straight,)), ("belt20-8", ("CA-CA",), ("CV-CV",))]
+orders = [
+    ("belt20-7", (*others, ratio), (straight,)),
+    ("belt20-8", ("CA-CA",), ("CV-CV",)),
+]
 orders += [("belt20-9", (better,), ("CA-CA",)) for better in ("LV-DSC", "CA-CADSC")]
 orders += [("belt20-10", (ratio,), (straight, *others))]
 by_name = dict.fromkeys(DATA_SETS, orders)
 pairs = paper_2020.compare_orders(observed, PHASE, deviate, by_name, scale, seed)
-caption = "By how much the models in 'higher' deviate more than those in 'lower' (mm), with 95 % "
+caption = (
+    "By how much the models in 'higher' deviate more than those in 'lower' (mm), "
+    "with 95 % "
+)
 caption += "interval over particles (paired bootstrap)."
 save("belt-lateral-differences", paper_2020.with_unit(pairs, "mm"), caption=caption)
 
@@ -202,19 +276,24 @@ save("belt-lateral-differences", paper_2020.with_unit(pairs, "mm"), caption=capt
 by_set = [moves[moves["data_set"] == name].set_index("quantity") for name in DATA_SETS]
 r2 = by_set[1]["value"].filter(like="R2").set_axis(["mean", "median"])
 spheres, cuboids = (each[each["unit"] == "%"] for each in by_set[:2])
-ends = zip(spheres["low"] - cuboids["high"], spheres["high"] - cuboids["low"], strict=True)
+ends = zip(
+    spheres["low"] - cuboids["high"], spheres["high"] - cuboids["low"], strict=True
+)
 linear = claims.all_of(bool((r2 > 0.9).all()), *(claims.beyond(*pair) for pair in ends))
 
 
 def judge(lateral, pairs):
     """Return the verdicts on the paper's sentences."""
     wide = lateral.pivot(index="data_set", columns="model").loc[[*DATA_SETS]]
-    mae, iqr = wide["mae_mm"], wide["iqr_mm"]
+    mae = wide["mae_mm"]
+    iqr = wide["iqr_mm"]
     holds = {id: paper_2020.holds(pairs, id) for id in pairs["id"].unique()}
     worst = claims.all_of(*holds["belt20-7"])
     gain = pd.concat([1 - table["LV-DSC"] / table["CA-CA"] for table in (mae, iqr)])
     no_gain = bool((gain < 0.05).all())
-    sure, possible = (sum(a in kinds for a in holds["belt20-8"]) for kinds in ([1], [1, None]))
+    sure, possible = (
+        sum(a in kinds for a in holds["belt20-8"]) for kinds in ([1], [1, None])
+    )
     two = sure == 2 if sure == possible or not sure <= 2 <= possible else None
     *best, of_cylinders = holds["belt20-10"]
     best = claims.all_of(*best, None if of_cylinders is None else not of_cylinders)
@@ -222,11 +301,19 @@ def judge(lateral, pairs):
     lost = "Cuboids lose 87 % of the mean speed, spheres 42 %."
     return [
         claims.check(
-            "belt20-7", worst, mae["Straight"], "It is worst by both measures everywhere."
+            "belt20-7",
+            worst,
+            mae["Straight"],
+            "It is worst by both measures everywhere.",
         ),
         claims.check("belt20-8", two, mae["CA-CA"], measures),
         claims.check("belt20-9", no_gain, gain[:3], "Share of the MAE; IQR alike."),
-        claims.check("belt20-10", best, mae["IA-Ratio"], "For cuboids it is best by the MAE only."),
+        claims.check(
+            "belt20-10",
+            best,
+            mae["IA-Ratio"],
+            "For cuboids it is best by the MAE only.",
+        ),
         claims.check("belt20-19", linear, r2, lost),
     ]
 
@@ -236,11 +323,12 @@ verdicts = judge(lateral, pairs)
 # %% [markdown]
 # ## What the paper does not print
 #
-# **B2** and **B3** are those of notebook 40: the arrival 15 mm upstream, and a jitter of 0.02 µm on
-# positions at 1000 Hz.
+# **B2** and **B3** are those of notebook 40: the arrival 15 mm upstream, and a jitter
+# of 0.02 µm on positions at 1000 Hz.
 
 # %%
-generator, shaken = np.random.default_rng(seed), {}
+generator = np.random.default_rng(seed)
+shaken = {}
 for name, table in tracks.items():
     reached = table["particle"].isin(observed[name].last["particle"])
     fast = paper_2020.resample(table[reached], 1000.0)
@@ -253,13 +341,17 @@ others = {
 }
 compared = []
 for choice, (phase, each) in others.items():
-    part = paper_2020.compare_models(each, phase, lateral_deviations, min(draws, 20), seed)
+    part = paper_2020.compare_models(
+        each, phase, lateral_deviations, min(draws, 20), seed
+    )
     part = paper_2020.with_unit(part, "mm")
     other = paper_2020.compare_orders(each, phase, deviate, by_name, scale, seed)
     texts = []
     for table in (lateral, part):
         mae = table.set_index(["data_set", "model"])["mae_mm"]["cuboids"]
-        texts.append(", ".join(f"{name} {mae[name]:.3f}" for name in ("CA-CA", "LV-DSC", ratio)))
+        texts.append(
+            ", ".join(f"{name} {mae[name]:.3f}" for name in ("CA-CA", "LV-DSC", ratio))
+        )
     turns = choices.turned(verdicts, judge(part, other))
     results = {"chosen": texts[0], "other": texts[1], "turns": turns}
     compared.append(choices.compare(choice, "lateral MAE of cuboids (mm)", **results))
@@ -267,6 +359,11 @@ for choice, (phase, each) in others.items():
 # %%
 mae = lateral.pivot(index="data_set", columns="model", values="mae_mm")
 gain = 100 * (1 - mae["CV-CV"] / mae["Straight"])
-result = f"A constant lateral velocity is {gain.min():.0f} to {gain.max():.0f} % closer to the "
+result = (
+    f"A constant lateral velocity is {gain.min():.0f} to {gain.max():.0f} % closer "
+    "to the "
+)
 result += "true position than predicting straight on."
-figures.conclude(result, verdicts if files else [], origin, choices=compared if files else [])
+figures.conclude(
+    result, verdicts if files else [], origin, choices=compared if files else []
+)

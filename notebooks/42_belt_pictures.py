@@ -1,14 +1,16 @@
 # %% [markdown]
 # # Pictures of the belt: what the tracker sees and how it decides
 #
-# **The work.** The 2016 paper (sections II.B and IV.B) renders pictures of its simulated belt. It
-# finds particles as connected areas, calibrates by the belt's corners, and assigns measurements to
-# tracks by a matrix of likelihoods.
+# **The work.** The 2016 paper (sections II.B and IV.B) renders pictures of its
+# simulated belt. It finds particles as connected areas, calibrates by the belt's
+# corners, and assigns measurements to tracks by a matrix of likelihoods.
 #
-# **Here.** The authors' public tracks of spheres, rendered at 200 frames/s, are measured and
-# tracked in the same way. Places and velocities stand beside the authors' own.
+# **Here.** The authors' public tracks of spheres, rendered at 200 frames/s, are
+# measured and tracked in the same way. Places and velocities stand beside the authors'
+# own.
 #
-# **One number.** Scale of the pictures at the belt: 0.44 mm/px printed, 0.44 mm/px here.
+# **One number.** Scale of the pictures at the belt: 0.44 mm/px printed, 0.44 mm/px
+# here.
 #
 # **What disagrees.** Nothing that is tested here.
 
@@ -29,10 +31,12 @@ source = "the authors' tracks" if files else "the friction model"
 Markdown(paper_2020.INPUT[paper_2020.AUTHORS if files else paper_2020.OWN])
 
 # %% [markdown]
-# The public tracks are those of the 2020 paper, whose spheres have another friction than those of
-# 2016. They have 100 Hz; a cubic spline through each one gives the camera's 200 frames/s. The
-# camera has the printed size, scale and rate. Its height and its small tilt are assumptions. The
-# tracker knows neither the camera nor the true places.
+# The public tracks are those of the 2020 paper, whose spheres have another friction
+# than those of
+# 2016. They have 100 Hz; a cubic spline through each one gives the camera's 200
+#       frames/s. The
+# camera has the printed size, scale and rate. Its height and its small tilt are
+# assumptions. The tracker knows neither the camera nor the true places.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -40,7 +44,8 @@ seed = 2020  # of the noise in the pictures, and of the friction model
 
 # %%
 style.use_style()
-count, end_mm = paper_2016.PARTICLES[scale], paper_2016.PHASE_2016.start_mm
+count = paper_2016.PARTICLES[scale]
+end_mm = paper_2016.PHASE_2016.start_mm
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_belt_pictures", setting, seed=seed, inputs=files.values())
 coarse = paper_2020.load_tracks(files, seed, count)["spheres"]
@@ -49,29 +54,35 @@ pictures = Pictures(bodies, BULKS["spheres"], seed)
 pictured = paper_2016.track_pictures(pictures)
 calibration, spots, followed = pictured
 print(
-    f"{len(pictures)} pictures, {len(spots)} spots; corners found to {calibration.error_mm:.3f} mm"
+    f"{len(pictures)} pictures, {len(spots)} spots; corners found to "
+    f"{calibration.error_mm:.3f} mm"
 )
 
 # %% [markdown]
 # ## One picture
 #
-# Two particles that touch are one spot, at their common centroid. The paper names the case and
-# prints no remedy; both tracks are then missed. A spot above the belt appears farther from the
-# middle than it is: 0.5 mm for a centre at 2.5 mm height and 20 cm from the middle.
+# Two particles that touch are one spot, at their common centroid. The paper names the
+# case and prints no remedy; both tracks are then missed. A spot above the belt appears
+# farther from the middle than it is: 0.5 mm for a centre at 2.5 mm height and 20 cm
+# from the middle.
 
 # %%
 busiest = int(spots["frame"].value_counts().sort_index().idxmax())
 states = followed.states
 shown = states.query("frame == @busiest and valid == 1").set_index("particle")
 places = at_rate(bodies, 1 / tracker.BELT_FRAME_S)
-pairs = paper_2016.match(states[states["row"] >= 0], places).reindex(shown.index).dropna()
+pairs = (
+    paper_2016.match(states[states["row"] >= 0], places).reindex(shown.index).dropna()
+)
 near = bodies[bodies["particle"].isin(pairs)]
 gradient = near.groupby("particle")["x"].transform(
     lambda x: np.gradient(x, 1 / paper_2016.TRUTH_HZ)
 )
 now = np.isclose(near["time_s"], busiest * tracker.BELT_FRAME_S)
 true = near.assign(velocity=gradient)[now].set_index("particle").loc[pairs]
-table = shown.loc[pairs.index, ["x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]].reset_index()
+table = shown.loc[
+    pairs.index, ["x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]
+].reset_index()
 table = table.rename(columns={"x": "x_mm", "y": "y_mm"})
 for name, column in {"x_mm": "x", "y_mm": "y", "velocity_x_mm_s": "velocity"}.items():
     table[f"true_{name}"] = true[column].to_numpy()
@@ -79,48 +90,65 @@ table["mm_per_px"] = calibration.mm_per_px
 
 # %% tags=["hide-input"]
 dots = calibration.pixels(table[["x_mm", "y_mm"]].to_numpy())
-lines = {BELT.start_mm: "tracking phase", end_mm: "prediction phase", BELT.end_mm: "edge"}
+lines = {
+    BELT.start_mm: "tracking phase",
+    end_mm: "prediction phase",
+    BELT.end_mm: "edge",
+}
 edges = calibration.pixels(np.array([[x, BELT.width_mm / 2] for x in lines]))[:, 1]
 picture, grid = style.canvas(2, 1, width_mm=style.PAGE_MM, height_mm=140)
 axes, below = grid[:, 0]
 axes.imshow(pictures[busiest], cmap="gray", vmin=0, vmax=255)
-axes.plot(dots[:, 1], dots[:, 0], "o", ms=4, mfc="none", mec=style.COLOURS[1], ls="none")
+axes.plot(
+    dots[:, 1], dots[:, 0], "o", ms=4, mfc="none", mec=style.COLOURS[1], ls="none"
+)
 for place, text in zip(edges, lines.values(), strict=True):
     axes.axvline(place, color="white", lw=0.8, ls="--")
     axes.text(place + 4, 135, text, color="white", fontsize=7)
 axes.set(xlabel="column (px)", ylabel="row (px)", ylim=(600, 110))
 for prefix, mark, label in (("true_", "x", source), ("", "o", "tracker")):
     velocity = table[f"{prefix}velocity_x_mm_s"] / 1000
-    below.plot(table[f"{prefix}x_mm"], velocity, mark, ls="none", mfc="none", label=label)
+    below.plot(
+        table[f"{prefix}x_mm"], velocity, mark, ls="none", mfc="none", label=label
+    )
 below.set(xlabel="x along the belt (mm)", ylabel="velocity along the belt (m/s)")
 _ = below.legend()
 
 # %%
 caption = (
-    f"A frame of the pictures, after Fig. 5 of the 2016 paper (blank space above and below cut "
-    f"off). Circles: valid tracks at their filtered places. Below: their velocity beside that of "
-    f"{source}, {len(table)} spheres."
+    "A frame of the pictures, after Fig. 5 of the 2016 paper (blank space above and "
+    "below cut off). Circles: valid tracks at their filtered places. Below: their "
+    f"velocity beside that of {source}, {len(table)} spheres."
 )
-figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Where tracks begin and end
 #
-# The paper draws both curves without a scale. Here they follow from counting: a new particle lies
-# within the way of the belt in a frame, and a track is missed where its prediction lies outside.
+# The paper draws both curves without a scale. Here they follow from counting: a new
+# particle lies within the way of the belt in a frame, and a track is missed where its
+# prediction lies outside.
 
 # %%
 likelihoods = tracker.Appearance(Area(end_mm=end_mm))
 x = np.arange(BELT.start_mm, end_mm + 23.0, 0.5)
 along = np.column_stack([x, np.full(len(x), BELT.width_mm / 2)])
 new = likelihoods.new(along) * likelihoods.area.square_mm
-unobserved, _ = likelihoods.unobserved_likelihood(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
-curves = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": unobserved})
+unobserved, _ = likelihoods.unobserved_likelihood(
+    along, np.tile(4.0 * np.eye(2), (len(x), 1, 1))
+)
+curves = pd.DataFrame(
+    {"x_mm": x, "new_per_frame_and_area": new, "not_observed": unobserved}
+)
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=50)
 panels[0].semilogy(curves["x_mm"], curves["new_per_frame_and_area"])
-panels[0].set(ylabel="new tracks, relative to one\nspread over the region", yticks=[0.1, 1, 10])
+panels[0].set(
+    ylabel="new tracks, relative to one\nspread over the region", yticks=[0.1, 1, 10]
+)
 panels[0].yaxis.set_major_formatter("{x:g}")
 panels[1].plot(curves["x_mm"], curves["not_observed"])
 panels[1].set(ylabel="likelihood that a track\nis not observed", ylim=(0, 1.05))
@@ -130,9 +158,9 @@ for axes in panels:
 
 # %%
 caption = (
-    "Likelihood that a measurement stems from a new track, and that a track is not observed, after "
-    "Fig. 2 of the 2016 paper. On the belt's middle line, for a standard deviation of the "
-    "prediction of 2 mm. Grey: end of the observed region."
+    "Likelihood that a measurement stems from a new track, and that a track is not "
+    "observed, after Fig. 2 of the 2016 paper. On the belt's middle line, for a "
+    "standard deviation of the prediction of 2 mm. Grey: end of the observed region."
 )
 save = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-belt16-2-likelihoods", curves, **save)
@@ -140,18 +168,23 @@ figures.save("fig-belt16-2-likelihoods", curves, **save)
 # %% [markdown]
 # ## The matrix of one frame
 #
-# Rows are tracks, then a new track for each measurement. Columns are measurements, then a missing
-# one for each track. The paper leaves the lower right corner open; 0 (likelihood 1) adds nothing.
+# Rows are tracks, then a new track for each measurement. Columns are measurements, then
+# a missing one for each track. The paper leaves the lower right corner open; 0
+# (likelihood 1) adds nothing.
 
 # %%
 follow = paper_2016.tracker_until(end_mm)
 step = max(
-    follow.steps(spots), key=lambda one: min(5, len(one.pairs.expected), one.pairs.detections)
+    follow.steps(spots),
+    key=lambda one: min(5, len(one.pairs.expected), one.pairs.detections),
 )
 costs = follow.likelihoods(step.detected, step.pairs)
-pairs, n, m = step.pairs[:2], len(costs.unobserved), len(costs.new)  # tracks and measurements
+pairs = step.pairs[:2]
+n = len(costs.unobserved)
+m = len(costs.new)  # tracks and measurements
 whole = np.full((n + m, m + n), np.inf)
-whole[pairs], whole[n:, m:] = costs.costs, 0.0
+whole[pairs] = costs.costs
+whole[n:, m:] = 0.0
 whole[n + np.arange(m), np.arange(m)] = -np.log(costs.new)
 whole[np.arange(n), m + np.arange(n)] = -np.log(costs.unobserved)
 whole = np.where(np.isinf(whole), np.nan, whole)
@@ -162,7 +195,8 @@ axes.imshow(whole, cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
         axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-column, taken = m + np.arange(n), costs.taken(pairs)
+column = m + np.arange(n)
+taken = costs.taken(pairs)
 column[pairs[0][taken]] = pairs[1][taken]
 axes.plot(column, np.arange(n), "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
@@ -174,18 +208,22 @@ _ = axes.set_yticks(range(n + m), names)
 
 # %%
 caption = (
-    "The matrix of one frame, after Fig. 3 of the 2016 paper: -ln of the likelihoods; blank is "
-    "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
-    "the likeliest association."
+    "The matrix of one frame, after Fig. 3 of the 2016 paper: -ln of the likelihoods; "
+    "blank is impossible. Rows below the line: new tracks; columns beyond it: tracks "
+    "not observed. Squares: the likeliest association."
 )
-matrix = pd.DataFrame(whole.round(2), columns=[f"{name}_{k}" for k, name in enumerate(columns)])
-figures.save("fig-belt16-3-matrix", matrix, picture=picture, caption=caption, provenance=origin)
+matrix = pd.DataFrame(
+    whole.round(2), columns=[f"{name}_{k}" for k, name in enumerate(columns)]
+)
+figures.save(
+    "fig-belt16-3-matrix", matrix, picture=picture, caption=caption, provenance=origin
+)
 
 # %%
 off = (table["velocity_x_mm_s"] - table["true_velocity_x_mm_s"]).abs().median()
 result = (
-    f"The belt's corners in the pictures give {calibration.mm_per_px:.4f} mm/px. In the busiest "
-    f"frame the tracker follows {len(table)} spheres of {source}; their velocities are off by "
-    f"{off:.0f} mm/s (median)."
+    f"The belt's corners in the pictures give {calibration.mm_per_px:.4f} mm/px. In "
+    f"the busiest frame the tracker follows {len(table)} spheres of {source}; their "
+    f"velocities are off by {off:.0f} mm/s (median)."
 )
 figures.conclude(result, [], origin)

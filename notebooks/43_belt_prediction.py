@@ -1,16 +1,20 @@
 # %% [markdown]
 # # Prediction on the belt: tracking beats a straight prediction, from pictures too
 #
-# **The work.** The 2016 paper (section IV, Fig. 6) tracks over 1000 spheres up to 10 cm before the
-# edge and predicts where and when they pass it. It does so from exact positions and from pictures.
+# **The work.** The 2016 paper (section IV, Fig. 6) tracks over 1000 spheres up to 10 cm
+# before the edge and predicts where and when they pass it. It does so from exact
+# positions and from pictures.
 #
-# **Here.** The same evaluation on the authors' public tracks and on pictures of them, all particles
-# of a simulation. The paper has spheres, so spheres decide; cuboids and cylinders are in the table.
+# **Here.** The same evaluation on the authors' public tracks and on pictures of them,
+# all particles of a simulation. The paper has spheres, so spheres decide; cuboids and
+# cylinders are in the table.
 #
-# **One number.** Lateral error of most predictions from pictures: 1.5 mm printed, 0.96 mm here.
+# **One number.** Lateral error of most predictions from pictures: 1.5 mm printed, 0.96
+# mm here.
 #
-# **What disagrees.** No claim fails, but two on pictures turn with the noise of the filter, which
-# is not printed. From exact positions 86 % are within 0.2 mm ("the vast majority" in print).
+# **What disagrees.** No claim fails, but two on pictures turn with the noise of the
+# filter, which is not printed. From exact positions 86 % are within 0.2 mm ("the vast
+# majority" in print).
 
 # %% tags=["hide-input"]
 from dataclasses import replace
@@ -31,20 +35,21 @@ source = "the authors' tracks" if files else "the friction model"
 Markdown(paper_2020.INPUT[paper_2020.AUTHORS if files else paper_2020.OWN])
 
 # %% [markdown]
-# The public tracks are those of the 2020 paper, whose spheres have another friction than those of
-# 2016 (2020 paper, section 4). So these are other recordings than those of Fig. 6.
+# The public tracks are those of the 2020 paper, whose spheres have another friction
+# than those of 2016 (2020 paper, section 4). So these are other recordings than those
+# of Fig. 6.
 #
-# - **Interpolation.** They have 100 Hz. A cubic spline through each track gives the paper's
-#   1000 Hz and the camera's 200 frames/s. A spline smooths a collision over some 10 ms, so a
-#   collision just behind the last observation is partly foreseen.
-# - **Edge.** They end up to 15 mm before the edge. The arrival there is extrapolated from the last
-#   three positions; notebook 40 tests it.
-# - **Sim.** The simulated velocity is not public. That of the last three positions at 1000 Hz
-#   stands for it.
-# - **Direction.** It is not public: each cuboid and cylinder lies in a random one. So more of them
-#   overlap in the pictures than in truth.
-# - **Calibration.** The belt's corners are found to 0.006 mm, far better than the paper's
-#   calibration, which was imperfect on purpose.
+# - **Interpolation.** They have 100 Hz. A cubic spline through each track gives the
+#   paper's 1000 Hz and the camera's 200 frames/s. A spline smooths a collision over
+#   some 10 ms, so a collision just behind the last observation is partly foreseen.
+# - **Edge.** They end up to 15 mm before the edge. The arrival there is extrapolated
+#   from the last three positions; notebook 40 tests it.
+# - **Sim.** The simulated velocity is not public. That of the last three positions at
+#   1000 Hz stands for it.
+# - **Direction.** It is not public: each cuboid and cylinder lies in a random one. So
+#   more of them overlap in the pictures than in truth.
+# - **Calibration.** The belt's corners are found to 0.006 mm, far better than the
+#   paper's calibration, which was imperfect on purpose.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -60,15 +65,21 @@ origin = figures.trace("43_belt_prediction", setting, seed=seed, inputs=files.va
 coarse = paper_2020.load_tracks(files, seed, count)
 for name in ("cuboids", "cylinders"):  # no claim is on them
     coarse[name] = paper_2020.first_to_enter(coarse[name], first)
-bodies = {name: paper_2020.resample(each, paper_2016.TRUTH_HZ) for name, each in coarse.items()}
-pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}
+bodies = {
+    name: paper_2020.resample(each, paper_2016.TRUTH_HZ)
+    for name, each in coarse.items()
+}
+pictures = {
+    name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()
+}
 pictured = paper_2016.track_all(pictures, jobs)
 
 # %% [markdown]
 # ## Deviations at the edge
 #
-# Rows are predictions, not particles. A particle that touches another has no spot of its own and
-# may lose its track; then it has no prediction, or a later track gives a second one.
+# Rows are predictions, not particles. A particle that touches another has no spot of
+# its own and may lose its track; then it has no prediction, or a later track gives a
+# second one.
 
 # %%
 every = paper_2016.all_deviations(pictured, bodies)
@@ -76,7 +87,10 @@ boxes = paper_2016.summaries(every, ["material", "data", "approach"], seed)
 boxes.round(3)
 
 # %% tags=["hide-input"]
-labels = {"lateral_mm": "lateral deviation (mm)", "temporal_ms": "temporal deviation (ms)"}
+labels = {
+    "lateral_mm": "lateral deviation (mm)",
+    "temporal_ms": "temporal deviation (ms)",
+}
 spheres = boxes[boxes["material"] == "spheres"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=105)
 for panels, (quantity, label) in zip(grid, labels.items(), strict=True):
@@ -89,24 +103,34 @@ for panels, (quantity, label) in zip(grid, labels.items(), strict=True):
 
 # %%
 caption = (
-    f"Deviation of predictions at the edge after Fig. 6 of the 2016 paper: spheres of {source}, "
-    "box plots without outliers. Numbers are the widths of the boxes. Temporal: positive where a "
-    "particle came earlier than predicted. The table has the number of predictions, 95 % "
-    f"intervals, and the first {first} particles of the other materials."
+    "Deviation of predictions at the edge after Fig. 6 of the 2016 paper: spheres of "
+    f"{source}, box plots without outliers. Numbers are the widths of the boxes. "
+    "Temporal: positive where a particle came earlier than predicted. The table has "
+    f"the number of predictions, 95 % intervals, and the first {first} particles of "
+    "the other materials."
 )
-figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-belt16-6-deviations",
+    boxes,
+    picture=picture,
+    caption=caption,
+    provenance=origin,
+)
 
 # %% [markdown]
 # ## Claims
 #
-# By the spheres. A difference counts where the 95 % intervals of both do not overlap. "Very
-# similar" is read as less than half as much again, "far" as more than twice.
+# By the spheres. A difference counts where the 95 % intervals of both do not overlap.
+# "Very similar" is read as less than half as much again, "far" as more than twice.
 
 
 # %%
 def larger(one, other, name):
-    """Return whether a spread or bias is larger beyond chance; None where intervals overlap."""
-    low, high = f"{name}_low", f"{name}_high"
+    """Return whether a spread or bias is larger beyond chance; None where intervals
+    overlap.
+    """
+    low = f"{name}_low"
+    high = f"{name}_high"
     return claims.beyond(one[low] - other[high], one[high] - other[low])
 
 
@@ -114,17 +138,28 @@ def judge(deviations):
     """Return the verdicts on the paper's sentences from the spheres' deviations."""
     table = paper_2016.summaries(deviations, ["data", "approach"], seed)
     rows = table.set_index(["quantity", "data", "approach"])
-    lateral, temporal = rows.loc["lateral_mm"], rows.loc["temporal_ms"]
-    sim, free, straight = (lateral.loc["noise-free", name] for name in (SIM, TRACKING, STRAIGHT))
+    lateral = rows.loc["lateral_mm"]
+    temporal = rows.loc["temporal_ms"]
+    sim, free, straight = (
+        lateral.loc["noise-free", name] for name in (SIM, TRACKING, STRAIGHT)
+    )
     seen, kept = (lateral.loc["images", name] for name in (TRACKING, STRAIGHT))
-    late, known = temporal.loc["images", TRACKING], temporal.loc["noise-free", TRACKING]
-    spread = claims.all_of(larger(late, known, "iqr"), larger(late, known, "mae_centred"))
+    late = temporal.loc["images", TRACKING]
+    known = temporal.loc["noise-free", TRACKING]
+    spread = claims.all_of(
+        larger(late, known, "iqr"), larger(late, known, "mae_centred")
+    )
     far = straight["iqr"] > 2 * max(sim["iqr"], free["iqr"])
     similar = bool(free["iqr"] < 1.5 * sim["iqr"] and far)
     biased = claims.beyond(known["median_low"], known["median_high"])
     both = claims.all_of(spread, larger(late, known, "median"))
-    near = claims.all_of(larger(kept, seen, "iqr"), bool(kept["iqr"] / seen["iqr"] <= 2))
-    mm = f"Sim {sim['iqr']:.2f}, Tracking {free['iqr']:.2f}, Straight {straight['iqr']:.2f} mm"
+    near = claims.all_of(
+        larger(kept, seen, "iqr"), bool(kept["iqr"] / seen["iqr"] <= 2)
+    )
+    mm = (
+        f"Sim {sim['iqr']:.2f}, Tracking {free['iqr']:.2f}, Straight "
+        f"{straight['iqr']:.2f} mm"
+    )
     late_ms = f"median {known['median']:.2f} ms"
     bias_ms = f"{late['median']:.2f} from images, {known['median']:.2f} ms noise-free"
     seen_mm = f"Straight {kept['iqr']:.2f}, Tracking {seen['iqr']:.2f} mm"
@@ -134,7 +169,9 @@ def judge(deviations):
     measures = "Interquartile range and mean absolute deviation."
     return [
         claims.check("belt16-2", similar, mm, "Interquartile ranges."),
-        claims.check("belt16-4", biased, late_ms, "Spheres still accelerate in the phase."),
+        claims.check(
+            "belt16-4", biased, late_ms, "Spheres still accelerate in the phase."
+        ),
         claims.check("belt16-5", both, bias_ms, adapts),
         claims.check("belt16-7", near, seen_mm, twice),
         claims.check("belt16-10", spread, spread_ms, measures),
@@ -147,15 +184,19 @@ verdicts = judge(of_spheres)
 # %% [markdown]
 # ## Other filters
 #
-# The paper prints no number of the filter for pictures. Five are compared on the same spots: ours,
-# two with another noise of the acceleration, and two that the authors published later. Their
-# program (KIT-ISAS/TracksortAlgorithm, getDefaultParam.m) has a variance of 2 px² for 30 px/frame,
-# in proportion to the velocity, and a density of 1 px²/frame³; here a px has 0.44 mm and a frame
-# 5 ms. Their settings (KIT-ISAS/TrackSort_Neural_Public, configs/) have 3.6e-7 m² and 18 m²/s³.
+# The paper prints no number of the filter for pictures. Five are compared on the same
+# spots: ours, two with another noise of the acceleration, and two that the authors
+# published later. Their program (KIT-ISAS/TracksortAlgorithm, getDefaultParam.m) has a
+# variance of 2 px² for 30 px/frame, in proportion to the velocity, and a density of 1
+# px²/frame³; here a px has 0.44 mm and a frame 5 ms. Their settings
+# (KIT-ISAS/TrackSort_Neural_Public, configs/) have 3.6e-7 m² and 18 m²/s³.
 
 # %%
 filters = {
-    "ours": (0.127, 2000.0),  # standard deviations: measurement (mm), acceleration (mm/s^2)
+    "ours": (
+        0.127,
+        2000.0,
+    ),  # standard deviations: measurement (mm), acceleration (mm/s^2)
     "smoother": (0.127, 500.0),
     "rougher": (0.127, 8000.0),
     "authors' program": (0.47, 17600.0),
@@ -163,28 +204,46 @@ filters = {
 }
 exact = of_spheres[of_spheres["data"] == "noise-free"]
 spheres, frames = pictured["spheres"], len(pictures["spheres"])
-follow, rows, robust = paper_2016.tracker_until(PHASE_2016.start_mm), [], {}
+follow = paper_2016.tracker_until(PHASE_2016.start_mm)
+rows = []
+robust = {}
 for name, (spread, noise) in filters.items():
     motion = constant_velocity(spread_mm=spread, acceleration_mm_s2=noise)
-    seen = spheres._replace(followed=replace(follow, motion=motion)(spheres.spots, frames))
+    seen = spheres._replace(
+        followed=replace(follow, motion=motion)(spheres.spots, frames)
+    )
     images = paper_2016.from_images(seen, bodies["spheres"]).assign(data="images")
     robust[name] = judge(pd.concat([exact, images]))
     each = paper_2016.summaries(images, ["approach"], seed).assign(filter=name)
     each = each.assign(spread_mm=spread, acceleration_mm_s2=noise)
-    rows.append(each.assign(**{verdict.id: verdict.verdict for verdict in robust[name]}))
-columns = ["filter", "spread_mm", "acceleration_mm_s2", "approach", "quantity", "n", "median"]
+    rows.append(
+        each.assign(**{verdict.id: verdict.verdict for verdict in robust[name]})
+    )
+columns = [
+    "filter",
+    "spread_mm",
+    "acceleration_mm_s2",
+    "approach",
+    "quantity",
+    "n",
+    "median",
+]
 columns += ["iqr", "mae_centred", "absolute_q95", "belt16-5", "belt16-7", "belt16-10"]
 tried = pd.concat(rows)[columns]
-caption = "Five filters on the same pictures of spheres: deviations at the edge (their unit is in "
+caption = (
+    "Five filters on the same pictures of spheres: deviations at the edge (their "
+    "unit is in "
+)
 caption += "the quantity), and the verdicts that each gives."
 figures.save("belt-filters", tried, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the paper does not print
 #
-# - **B2.** The arrival is at the edge. The other value is 15 mm upstream, where all tracks are.
-# - **B5.** All spheres count. The other value is the first 1,500 to enter, of 3,713. The filter
-#   is ours, an assumption. A claim that any of the other four turns is open.
+# - **B2.** The arrival is at the edge. The other value is 15 mm upstream, where all
+#   tracks are.
+# - **B5.** All spheres count. The other value is the first 1,500 to enter, of 3,713.
+#   The filter is ours, an assumption. A claim that any of the other four turns is open.
 
 # %%
 upstream = PredictionPhase(PHASE_2016.start_mm - 15, PHASE_2016.target_mm - 15)
@@ -195,7 +254,8 @@ entered = paper_2020.first_to_enter(bodies["spheres"], first)["particle"]
 early = of_spheres[of_spheres["particle"].isin(entered)]
 compared = []
 for choice, other in {"B2": before, "B5": early}.items():
-    turns, texts = choices.turned(verdicts, judge(other)), []
+    turns = choices.turned(verdicts, judge(other))
+    texts = []
     for deviations in (of_spheres, other):
         known = deviations[deviations["data"] == "noise-free"].set_index("approach")
         share = 100 * (known["lateral_mm"][SIM].abs() < 0.2).mean()
@@ -207,7 +267,9 @@ for choice, other in {"B2": before, "B5": early}.items():
 turns = {}
 for other in robust.values():
     turns |= choices.turned(verdicts, other)
-of_time = tried[(tried["quantity"] == "temporal_ms") & (tried["filter"] != "ours")]["median"]
+of_time = tried[(tried["quantity"] == "temporal_ms") & (tried["filter"] != "ours")][
+    "median"
+]
 late = boxes.set_index(["material", "quantity", "data", "approach"])["median"]
 compared.append(
     choices.compare(
@@ -225,7 +287,8 @@ seen, kept = (rows.loc["lateral_mm", "images", name] for name in (TRACKING, STRA
 late = rows.loc["temporal_ms", "images", TRACKING]
 result = (
     f"From pictures 95 % of the spheres of {source} are predicted within "
-    f"{seen['absolute_q95']:.1f} mm; a straight prediction spreads {kept['iqr'] / seen['iqr']:.1f} "
-    f"times as much. They arrive {late['median']:.1f} ms earlier than predicted (median)."
+    f"{seen['absolute_q95']:.1f} mm; a straight prediction spreads "
+    f"{kept['iqr'] / seen['iqr']:.1f} times as much. They arrive {late['median']:.1f} "
+    "ms earlier than predicted (median)."
 )
 figures.conclude(result, verdicts, origin, choices=compared)

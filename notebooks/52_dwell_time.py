@@ -1,23 +1,26 @@
 # %% [markdown]
-# # Dwell time: medians are up to 0.11 s too short, as flights leave the view or are lost
+# # Dwell time: medians are up to 0.11 s too short, as flights leave the view or are
+# lost
 #
-# **The work.** The thesis measures the time from the lance to landing or burning out (section
-# 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest at 4.5 bar and much
-# shorter at 5 bar.
+# **The work.** The thesis measures the time from the lance to landing or burning out
+# (section 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest
+# at 4.5 bar and much shorter at 5 bar.
 #
-# **Here.** The whole chain on eight simulated campaigns, with flights near the printed ones. A
-# flight that leaves the view counts with the time computed. One lost within it does not count. None
-# is rejected as impossible.
+# **Here.** The whole chain on eight simulated campaigns, with flights near the printed
+# ones. A flight that leaves the view counts with the time computed. One lost within it
+# does not count. None is rejected as impossible.
 #
-# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.2364 s here. (Three
-# flights of chips; true: 0.3314.)
+# **One number.** Shortest median dwell time at 4.5 bar: 0.3 s printed, 0.2364 s here.
+# (Three flights of chips; true: 0.3314.)
 #
-# **What disagrees.** Flights that land are right within 0.02 s in the median of each campaign.
-# Those that leave the view are 0.03 to 0.48 s too short. Claims on fewer than six flights are open.
-# Granules are put in to fly as long at 5 bar as at 4.5: print contradicts itself there.
+# **What disagrees.** Flights that land are right within 0.02 s in the median of each
+# campaign. Those that leave the view are 0.03 to 0.48 s too short. Claims on fewer than
+# six flights are open. Granules are put in to fly as long at 5 bar as at 4.5: print
+# contradicts itself there.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
+# quick (two campaigns, few frames), standard (four, 200 frames each) or full
+scale = "standard"
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 
@@ -37,9 +40,19 @@ from kilnflight.publication import choices, claims, figures, style
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 # Endings that could count (choice F5): ours, those whose end was seen, and every one.
-COUNTED = {"ours": COMPLETE, "none that left": (LANDED, BURNT_OUT), "all": (*COMPLETE, LOST)}
-SHARES = ("dwell 0.3-0.4 s (%)", "dwell > 0.4 s (%)")  # of chips and granules, and of papers
-NO_FALL = "Least of four differences (s). The printed velocities make no shorter flights at 5 bar."
+COUNTED = {
+    "ours": COMPLETE,
+    "none that left": (LANDED, BURNT_OUT),
+    "all": (*COMPLETE, LOST),
+}
+SHARES = (
+    "dwell 0.3-0.4 s (%)",
+    "dwell > 0.4 s (%)",
+)  # of chips and granules, and of papers
+NO_FALL = (
+    "Least of four differences (s). The printed velocities make no shorter flights "
+    "at 5 bar."
+)
 
 # %%
 style.use_style()
@@ -53,12 +66,13 @@ starting = rejecting.tables.flights[rejecting.tables.flights["from_lance"]]
 # %% [markdown]
 # ## How flights end
 #
-# The thesis does not say how many flights its boxes hold. Of wood chips that leave the view "their
-# actual flight time is longer than computed" (A.1), so they count with the time computed. Papers
-# that rise burning into the edge "cannot be fully tracked, so their flight and burning behavior
-# cannot be analyzed": they are called lost and do not count. What is lost within the view does not
-# count, either: its end is not known. The thesis rejects none (Fig. 5.23 shows negative
-# velocities). Beside stand those that `kilnflight run` would reject.
+# The thesis does not say how many flights its boxes hold. Of wood chips that leave the
+# view "their actual flight time is longer than computed" (A.1), so they count with the
+# time computed. Papers that rise burning into the edge "cannot be fully tracked, so
+# their flight and burning behavior cannot be analyzed": they are called lost and do not
+# count. What is lost within the view does not count, either: its end is not known. The
+# thesis rejects none (Fig. 5.23 shows negative velocities). Beside stand those that
+# `kilnflight run` would reject.
 
 
 # %%
@@ -70,50 +84,64 @@ def cases(table):
 
 rows = {}
 for key in results.measured:
-    here, ends = campaigns.of_campaign(starting, key), cases(campaigns.of_campaign(counted, key))
+    here = campaigns.of_campaign(starting, key)
+    ends = cases(campaigns.of_campaign(counted, key))
     rows[key] = {"from_lance": len(here)}
     rows[key] |= {name: (ends == name).sum() for name in (*CASES, LEFT, LOST)}
     rows[key] |= {f"refused: {why}": (here["refused"] == why).sum() for why in REASONS}
 counts = campaigns.rows_by_campaign(rows)
 caption = (
-    "Measured flights from the lance by their end. All but the lost ones have a dwell time; papers "
-    "that leave the view burning are lost, too. Then those that are impossible (refused), by "
-    "reason; they count here, as in the thesis. Whether a paper burns is decided by the test of "
-    "grey values (notebook 54)."
+    "Measured flights from the lance by their end. All but the lost ones have a dwell "
+    "time; papers that leave the view burning are lost, too. Then those that are "
+    "impossible (refused), by reason; they count here, as in the thesis. Whether a "
+    "paper burns is decided by the test of grey values (notebook 54)."
 )
 figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What dwell time means
 #
-# The curves are the fits up to the end of the flight. A burnt-out particle ends with its last
-# detection; only papers burn out. A landing one ends where the fit meets the wall. After the last
-# detection the flight goes straight on, with the mean velocity of the last 20 ms, for at most 50 ms
-# and 0.3 m; these three numbers are ours. What has not met the wall by then left the view, if it
-# ends at its border, or is lost.
+# The curves are the fits up to the end of the flight. A burnt-out particle ends with
+# its last detection; only papers burn out. A landing one ends where the fit meets the
+# wall. After the last detection the flight goes straight on, with the mean velocity of
+# the last 20 ms, for at most 50 ms and 0.3 m; these three numbers are ours. What has
+# not met the wall by then left the view, if it ends at its border, or is lost.
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-ordered = counted[counted["ignition"].isin([NONE, SEEN])].sort_values("dwell_s", kind="stable")
-shown, handles = [], {}
+ordered = counted[counted["ignition"].isin([NONE, SEEN])].sort_values(
+    "dwell_s", kind="stable"
+)
+shown = []
+handles = {}
 for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
     kind = comparison.HEAVY if case == CASES[0] else comparison.PAPERS
     flown = ordered[(cases(ordered) == case) & ordered["fraction"].isin(kind)]
-    axes.set(title=f"({letter}) {case}: none measured", xlabel="depth from the lance (m)")
+    axes.set(
+        title=f"({letter}) {case}: none measured", xlabel="depth from the lance (m)"
+    )
     for index, one in flown.iloc[(len(flown) - 1) // 2 :].iterrows():
         track, fitted = (
             part[part["particle"] == one["particle"]].drop(columns=KEYS)
-            for part in (campaigns.of_campaign(t, tuple(one[KEYS])) for t in results.tables[:2])
+            for part in (
+                campaigns.of_campaign(t, tuple(one[KEYS])) for t in results.tables[:2]
+            )
         )
         fit = regression.fits(fitted)[one["particle"]]
         if straight_on(fit, one["end_s"])[0, 1] > fit.exit_point_mm[1]:
             continue  # the next longer one: this one ends above the lance
         shown.append(index)
-        axes.set_title(f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar")
-        lit = np.fmin(one["t0_s"] + one["ignition_s"], one["end_s"])  # the end if it never burns
+        axes.set_title(
+            f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar"
+        )
+        lit = np.fmin(
+            one["t0_s"] + one["ignition_s"], one["end_s"]
+        )  # the end if it never burns
         known = track[["x", "y", "z"]].dropna().to_numpy(np.float64)
         dark = straight_on(fit, np.linspace(one["t0_s"], lit, 60))
-        burning = straight_on(fit, np.linspace(lit, one["end_s"], 60 * int(lit < one["end_s"])))
+        burning = straight_on(
+            fit, np.linspace(lit, one["end_s"], 60 * int(lit < one["end_s"]))
+        )
         look = {"color": "black", "mfc": "white", "ms": 5, "lw": 1.0}
         mark = {LANDED: "s", BURNT_OUT: "o"}[one["ending"]]
         lance = np.array([fit.exit_point_mm])
@@ -131,24 +159,29 @@ for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
         break
     handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
 grid[0, 0].set_ylabel("height over it (m)")
-_ = picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+_ = picture.legend(
+    list(handles.values()), list(handles), loc="outside lower center", ncols=6
+)
 
 # %%
 columns = [*KEYS, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
 data = counted.loc[shown, columns]
 caption = (
-    "Dwell time on measured flights from the side, after Fig. 5.18: from the lance to landing or "
-    "burning out. Of each case a typical one that ends below the lance: of chips and granules (a), "
-    "which never ignite in flight, and of papers (b, c)."
+    "Dwell time on measured flights from the side, after Fig. 5.18: from the lance to "
+    "landing or burning out. Of each case a typical one that ends below the lance: of "
+    "chips and granules (a), which never ignite in flight, and of papers (b, c)."
 )
-figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-18-cases", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Dwell times, measured and true
 
 # %%
 ours = counted.assign(
-    track=counted["particle"], measured_s=counted["dwell_s"].mask(counted["ending"] == LOST)
+    track=counted["particle"],
+    measured_s=counted["dwell_s"].mask(counted["ending"] == LOST),
 )
 both = accuracy.compare_campaigns(results).rename(columns={"true_dwell_s": "true_s"})
 real = both[[*KEYS, "track", "particle", "true_s", "true_ending"]]
@@ -157,35 +190,42 @@ data = ours.merge(real, how="outer", on=[*KEYS, "track"]).fillna({"particle": -1
 sources = {"true": results.true, "measured": results.measured}
 picture = plots.draw_dwell_boxes(sources, list(results.measured))
 caption = (
-    "Dwell times, after Fig. 5.19: true of all flights within the recording, and measured; what "
-    "left the view has the time until then. Numbers: flights. Shaded: the printed medians at 4.5 "
-    "bar. The axis ends at 1.5 s. Particle -1: a flight of no particle, a second one, or one that "
-    "the recording cuts."
+    "Dwell times, after Fig. 5.19: true of all flights within the recording, and "
+    "measured; what left the view has the time until then. Numbers: flights. Shaded: "
+    "the printed medians at 4.5 bar. The axis ends at 1.5 s. Particle -1: a flight of "
+    "no particle, a second one, or one that the recording cuts."
 )
 data = data.astype({"particle": int})
-figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %%
-known = data.assign(error_s=data["measured_s"] - data["true_s"]).dropna(subset="error_s")
+known = data.assign(error_s=data["measured_s"] - data["true_s"]).dropna(
+    subset="error_s"
+)
 errors = known.groupby([*KEYS, "ending"], sort=False)["error_s"].agg(
     number="size", error_s="median"
 )
 caption = (
-    "Error of the dwell time by measured ending: number of flights that have a true one, and "
-    "median of measured minus true (s)."
+    "Error of the dwell time by measured ending: number of flights that have a true "
+    "one, and median of measured minus true (s)."
 )
-figures.save("dwell-endings", errors.reset_index().round(4), caption=caption, provenance=origin)
+figures.save(
+    "dwell-endings", errors.reset_index().round(4), caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Is what was put in measured?
 #
-# A number is recovered if the 95 % interval of measured minus true lies within 10 % of a median,
-# or 5 points of a share. It is biased if the interval lies outside, else open. All were set before
-# any flight was measured. The thesis has most chips and granules within 0.3 to 0.4 s at 5 bar, and
-# most papers above 0.4 s.
+# A number is recovered if the 95 % interval of measured minus true lies within 10 % of
+# a median, or 5 points of a share. It is biased if the interval lies outside, else
+# open. All were set before any flight was measured. The thesis has most chips and
+# granules within 0.3 to 0.4 s at 5 bar, and most papers above 0.4 s.
 
 # %%
-bars, median = (4.5, 5.0), "dwell median (s)"
+bars = (4.5, 5.0)
+median = "dwell median (s)"
 others = ("PE granule", *comparison.PAPERS)
 later = [((name, bar), ("wood chip", bar)) for bar in bars for name in others]
 granules = ("PE granule", 4.5)
@@ -194,7 +234,9 @@ longer += [(granules, ("PE granule", 5.0))]
 
 
 def measure(measured):
-    """Return the recovery, the lead of the chips, the delay of the granules, and numbers."""
+    """Return the recovery, the lead of the chips, the delay of the granules, and
+    numbers.
+    """
     table = comparison.recovery(measured, results.true, "dwell", generator)
     first, falls = (
         comparison.differences(measured, results.true, median, pairs, generator)
@@ -206,8 +248,9 @@ def measure(measured):
 table, first, falls, numbers = ours = measure(results.measured)
 lost = table[KEYS].apply(lambda key: len(results.measured[*key].censored_s), axis=1)
 caption = (
-    "Dwell times as printed, put in, true in the recordings and measured; measured minus true with "
-    "its 95 % interval (bootstrap, Wilson). Number: flights that count; lost: those that do not."
+    "Dwell times as printed, put in, true in the recordings and measured; measured "
+    "minus true with its 95 % interval (bootstrap, Wilson). Number: flights that "
+    "count; lost: those that do not."
 )
 shown = table.assign(lost=lost)
 figures.save("dwell-recovery", shown.round(4), caption=caption, provenance=origin)
@@ -215,12 +258,14 @@ figures.save("dwell-recovery", shown.round(4), caption=caption, provenance=origi
 # %% [markdown]
 # ## Who lands first?
 #
-# The interval of a difference tells whether the order of two fractions is beyond chance.
+# The interval of a difference tells whether the order of two fractions is beyond
+# chance.
 
 # %%
 caption = (
-    "Differences of median dwell times, measured with 95 % intervals (Newcombe) and true: from "
-    "wood chips at the same pressure, and of PE granules at 4.5 bar from all others and from 5 bar."
+    "Differences of median dwell times, measured with 95 % intervals (Newcombe) and "
+    "true: from wood chips at the same pressure, and of PE granules at 4.5 bar from "
+    "all others and from 5 bar."
 )
 orders = pd.concat([first, falls]).drop_duplicates()
 figures.save("dwell-orders", orders.round(4), caption=caption, provenance=origin)
@@ -228,15 +273,22 @@ figures.save("dwell-orders", orders.round(4), caption=caption, provenance=origin
 # %% [markdown]
 # ## With other endings, and with other choices
 #
-# The same with flights whose end was not seen counted or not (F5), the outlet at its true place
-# (F1), orders that rise by the RMSE alone (F2), impossible flights rejected (F6) and ignition as a
-# rise of the grey value itself (F7). And how many flights begin and end in the frames of the
-# standard scale, those with the most, or in frames 100 to 299 (F9).
+# The same with flights whose end was not seen counted or not (F5), the outlet at its
+# true place (F1), orders that rise by the RMSE alone (F2), impossible flights rejected
+# (F6) and ignition as a rise of the grey value itself (F7). And how many flights begin
+# and end in the frames of the standard scale, those with the most, or in frames 100 to
+# 299 (F9).
 
 # %%
-reduced = campaigns.campaigns("standard", campaigns.settings_from_labels(scale, seed), seed)
+reduced = campaigns.campaigns(
+    "standard", campaigns.settings_from_labels(scale, seed), seed
+)
 early = [
-    each._replace(run=replace(each.run, detection=replace(each.run.detection, start=100, stop=300)))
+    each._replace(
+        run=replace(
+            each.run, detection=replace(each.run.detection, start=100, stop=300)
+        )
+    )
     for each in reduced
 ]
 whole = {}
@@ -257,11 +309,13 @@ varied = {
 parts = {name: measure(values) for name, values in (endings | varied).items()}
 medians = {name: part[0][part[0]["outcome"] == median] for name, part in parts.items()}
 columns = [*KEYS, "number", "measured", "true", "error", "low", "high", "verdict"]
-data = pd.concat({name: each[columns] for name, each in medians.items()}, names=["value"])
+data = pd.concat(
+    {name: each[columns] for name, each in medians.items()}, names=["value"]
+)
 caption = (
-    "Median dwell times: ours, without flights that left the view, with all lost ones, and with "
-    "the other value of each choice. Number of flights that count, measured, true, and measured "
-    "minus true with its 95 % interval."
+    "Median dwell times: ours, without flights that left the view, with all lost ones, "
+    "and with the other value of each choice. Number of flights that count, measured, "
+    "true, and measured minus true with its 95 % interval."
 )
 data = data.reset_index("value")
 figures.save("dwell-choices", data.round(4), caption=caption, provenance=origin)
@@ -275,7 +329,9 @@ def judge(table, first, falls, numbers):
     """Return the verdicts on saved tables of one choice."""
     most = [
         comparison.recovered(table, outcome=outcome, pressure_bar=5.0, fraction=name)
-        for outcome, names in zip(SHARES, (comparison.HEAVY, comparison.PAPERS), strict=True)
+        for outcome, names in zip(
+            SHARES, (comparison.HEAVY, comparison.PAPERS), strict=True
+        )
         for name in names
     ]
     answers = {
@@ -286,7 +342,9 @@ def judge(table, first, falls, numbers):
     }
     holds = comparison.if_complete(numbers, answers)
     count = table.loc[table["outcome"] == median, "verdict"].value_counts()
-    each = ", ".join(f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open"))
+    each = ", ".join(
+        f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open")
+    )
     right = f"{sum(one is True for one in most)} of {len(most)} shares"
     found = {
         "dwell-1": (each, "Medians of eight campaigns, within 10 %."),
@@ -302,7 +360,9 @@ def judge(table, first, falls, numbers):
 
 # %%
 checks = judge(*ours)
-off = {name: comparison.ends(each["error"], "{:+.3f}") for name, each in medians.items()}
+off = {
+    name: comparison.ends(each["error"], "{:+.3f}") for name, each in medians.items()
+}
 compared = [
     choices.compare(
         choice,
@@ -320,7 +380,8 @@ compared = [
 compared.append(choices.compare("F9", "whole flights of the standard scale", **whole))
 ours = medians["ours"]
 result = (
-    f"{ours['number'].sum()} of {len(counted)} measured flights from the lance have a dwell time. "
-    f"Their medians are off by {ours['error'].min():+.2f} to {ours['error'].max():+.2f} s."
+    f"{ours['number'].sum()} of {len(counted)} measured flights from the lance have a "
+    f"dwell time. Their medians are off by {ours['error'].min():+.2f} to "
+    f"{ours['error'].max():+.2f} s."
 )
 figures.conclude(result, checks, origin, choices=compared)

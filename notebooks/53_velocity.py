@@ -1,22 +1,24 @@
 # %% [markdown]
 # # Velocity by metre: medians of the first metre are right within 1.2 m/s
 #
-# **The work.** The thesis gives the mean velocity in depth within each metre from the lance and
-# the share of particles that pass it (section 5.3.1, Eq. 5.8, Figs 5.20 to 5.24). Chips and
-# granules are faster than papers; from 4.5 to 5 bar little changes.
+# **The work.** The thesis gives the mean velocity in depth within each metre from the
+# lance and the share of particles that pass it (section 5.3.1, Eq. 5.8, Figs 5.20 to
+# 5.24). Chips and granules are faster than papers; from 4.5 to 5 bar little changes.
 #
-# **Here.** The whole chain on eight simulated campaigns, with flights near the printed ones. What
-# is measured stands beside what was put in and the true velocities of the same recordings.
-# Impossible flights count, as in the thesis.
+# **Here.** The whole chain on eight simulated campaigns, with flights near the printed
+# ones. What is measured stands beside what was put in and the true velocities of the
+# same recordings. Impossible flights count, as in the thesis.
 #
-# **One number.** Measured median velocity of wood chips in the first metre at 4.5 bar: 13.5 m/s
-# printed, 13.2 m/s here. (Notebook 10 has the true one.)
+# **One number.** Measured median velocity of wood chips in the first metre at 4.5 bar:
+# 13.5 m/s printed, 13.2 m/s here. (Notebook 10 has the true one.)
 #
-# **What disagrees.** Changes from 4.5 to 5 bar are smaller than the error. Few flights are followed
-# beyond 3 m: of granules 22 points too many seem to pass 4 m, of chips at 5 bar none.
+# **What disagrees.** Changes from 4.5 to 5 bar are smaller than the error. Few flights
+# are followed beyond 3 m: of granules 22 points too many seem to pass 4 m, of chips at
+# 5 bar none.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
+# quick (two campaigns, few frames), standard (four, 200 frames each) or full
+scale = "standard"
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 
@@ -36,7 +38,8 @@ from kilnflight.scores.flights import METRES
 style.use_style()
 origin = figures.trace("53_velocity", {"scale": scale}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
-tables, generator = results.tables, np.random.default_rng(seed)
+tables = results.tables
+generator = np.random.default_rng(seed)
 sources = {"true": results.true, "measured": results.measured}
 keys = list(results.measured)
 
@@ -55,7 +58,9 @@ for fraction, bar, particle in longest:
     name = f"{fraction} at {bar} bar"
     trajectory, flight, passed = (
         part[part["particle"] == particle].drop(columns=KEYS)
-        for part in (campaigns.of_campaign(table, (fraction, bar)) for table in tables[1:])
+        for part in (
+            campaigns.of_campaign(table, (fraction, bar)) for table in tables[1:]
+        )
     )
     fit = regression.fits(trajectory)[particle]
     times = np.linspace(fit.t0, flight["end_s"].iloc[0], 60)
@@ -64,29 +69,40 @@ for fraction, bar, particle in longest:
     axes.plot(0, 0, "x", color=style.COLOURS[1], ms=6, mew=1.6, label="lance", zorder=3)
     ahead = passed[passed["slice_m"] > 0].sort_values("slice_m")
     velocity = ahead["velocity_m_s"].to_numpy()
-    time, far = np.cumsum(1.0 / velocity), ahead["slice_m"].to_numpy()
-    axes.plot(time, far, "o", ms=4, mfc="white", color="black", label="a metre is passed")
+    time = np.cumsum(1.0 / velocity)
+    far = ahead["slice_m"].to_numpy()
+    axes.plot(
+        time, far, "o", ms=4, mfc="white", color="black", label="a metre is passed"
+    )
     axes.vlines(time, 0, far, color="0.6", lw=0.6, ls=":")
     axes.hlines(far, 0, time, color="0.6", lw=0.6, ls=":")
     for n, (end, speed) in enumerate(zip(time, velocity, strict=True), start=1):
         text = f"V{'₀₁₂₃₄₅₆₇₈₉'[n]} = {speed:.1f} m/s"
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
-        look = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "bbox": box}
+        look = {
+            "xytext": (4, 0),
+            "textcoords": "offset points",
+            "va": "center",
+            "bbox": box,
+        }
         axes.annotate(text, (end, n - 0.5), **look)
     axes.legend(loc="upper left")
 axes.set(xlabel="time from the lance (s)", ylabel="depth from the lance (m)")
 axes.margins(x=0.2)
 caption = (
-    f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20. V_n is one metre over the "
-    "time between passing metre n - 1 and metre n."
+    f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20. V_n is one metre "
+    "over the time between passing metre n - 1 and metre n."
 )
-figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Every particle, every metre
 #
-# Measured velocities above that of the lance's air (14.7 and 16 m/s) are errors of depth and time.
-# A metre that is passed at more than twice 16 m/s has no velocity here; its flight counts.
+# Measured velocities above that of the lance's air (14.7 and 16 m/s) are errors of
+# depth and time. A metre that is passed at more than twice 16 m/s has no velocity here;
+# its flight counts.
 
 # %%
 parts = {}
@@ -96,47 +112,62 @@ for campaign, ours in accuracy.matched(results):
     names = {"particle": "track", "velocity_m_s": "measured_m_s"}
     measured = ours.slices.rename(columns=names).merge(known, on="track")
     true = accuracy.true_flights(campaign).query("whole")
-    true = true.rename(columns={f"velocity_{metre}_m_s": float(metre) for metre in METRES})
-    true = true.melt("particle", list(map(float, METRES)), "slice_m", "true_m_s").dropna()
+    true = true.rename(
+        columns={f"velocity_{metre}_m_s": float(metre) for metre in METRES}
+    )
+    true = true.melt(
+        "particle", list(map(float, METRES)), "slice_m", "true_m_s"
+    ).dropna()
     true = true.astype({"slice_m": float})
     columns = ["particle", "slice_m", "measured_m_s"]
     measured = measured[measured["slice_m"] > 0]  # not behind the lance
-    parts[campaign.key] = measured[columns].merge(true, "outer", ["particle", "slice_m"])
+    parts[campaign.key] = measured[columns].merge(
+        true, "outer", ["particle", "slice_m"]
+    )
 pairs = campaigns.stack(parts)
 printed = comparison.printed_numbers()
 picture = plots.draw_velocity_boxes(sources, keys, printed)
 caption = (
-    "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of all flights, "
-    "and measured. Orange: published. Numbers: particles that passed the metre; the axis ends at "
-    "25 m/s. Table: the longest track of each true particle; -1 stands for false tracks."
+    "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of "
+    "all flights, and measured. Orange: published. Numbers: particles that passed the "
+    "metre; the axis ends at 25 m/s. Table: the longest track of each true particle; "
+    "-1 stands for false tracks."
 )
-figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-21-velocity", pairs, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Is what was put in measured?
 #
-# A number is recovered if the 95 % interval of measured minus true lies within 10 % of a median, or
-# 5 points of a share. It is biased if the interval lies outside, else open. A metre passed before
-# the first detection counts, as published.
+# A number is recovered if the 95 % interval of measured minus true lies within 10 % of
+# a median, or 5 points of a share. It is biased if the interval lies outside, else
+# open. A metre passed before the first detection counts, as published.
 
 # %%
-table = comparison.recovery(results.measured, results.true, "velocity|remaining", generator)
+table = comparison.recovery(
+    results.measured, results.true, "velocity|remaining", generator
+)
 caption = (
-    "Median velocity in depth within each metre, and shares that pass it: printed, put in, true "
-    "and measured; measured minus true with its 95 % interval (bootstrap, Wilson). "
-    f"{(table['verdict'] == 'recovered').sum()} of {len(table)} are recovered. Beyond the farthest "
-    "flight a share is not known if that flight was lost."
+    "Median velocity in depth within each metre, and shares that pass it: printed, put "
+    "in, true and measured; measured minus true with its 95 % interval (bootstrap, "
+    f"Wilson). {(table['verdict'] == 'recovered').sum()} of {len(table)} are "
+    "recovered. Beyond the farthest flight a share is not known if that flight was "
+    "lost."
 )
 figures.save("velocity-recovery", table.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The share that remains
 #
-# A flight that is lost on the way is censored there (Kaplan and Meier over the distance).
+# A flight that is lost on the way is censored there (Kaplan and Meier over the
+# distance).
 
 # %%
 remain, bounds = (
-    each.assign(distance_m=each["outcome"].str.extract(r"remaining (\d)")[0].astype(float))
+    each.assign(
+        distance_m=each["outcome"].str.extract(r"remaining (\d)")[0].astype(float)
+    )
     for each in (table, printed)
 )
 remain = remain.dropna(subset="distance_m")
@@ -147,7 +178,9 @@ data = remain[[*KEYS, "distance_m", "true", "measured"]].merge(
 
 # %% tags=["hide-input"]
 names = dict.fromkeys(name for name, _ in keys)
-picture, grid = style.canvas(1, len(names), width_mm=style.PAGE_MM, height_mm=60, sharey=True)
+picture, grid = style.canvas(
+    1, len(names), width_mm=style.PAGE_MM, height_mm=60, sharey=True
+)
 looks = {4.5: ("black", "o", -0.08), 5.0: (style.COLOURS[6], "s", 0.08)}
 for axes, name in zip(grid[0], names, strict=True):
     axes.set(title=name, ylim=(0, 105), xlim=(0, 5.3), xlabel="from the lance (m)")
@@ -155,31 +188,49 @@ for axes, name in zip(grid[0], names, strict=True):
         rows = campaigns.of_campaign(data, (name, bar))
         for version, line in (("true", ":"), ("measured", "-")):
             look = {"marker": mark, "lw": 1, "ms": 2.5, "color": colour, "ls": line}
-            axes.plot(rows["distance_m"], rows[version], label=f"{version}, {bar} bar", **look)
+            axes.plot(
+                rows["distance_m"], rows[version], label=f"{version}, {bar} bar", **look
+            )
         part = rows.dropna(how="all", subset=["published_low", "published_high"])
-        low, high = part["published_low"].fillna(0), part["published_high"].fillna(105)
+        low = part["published_low"].fillna(0)
+        high = part["published_high"].fillna(105)
         look = style.PUBLISHED_BAR | {"label": f"published, {bar} bar"}
         axes.vlines(part["distance_m"] + aside, low - 1.3, high + 1.3, **look)
 grid[0, 0].set_ylabel("remaining particles (%)")
-picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-caption = (
-    "Share of the particles that pass each metre: true of all flights in the same frames, and "
-    "measured. Broad bars: published, left 4.5 bar, right 5 bar; open bounds run to the edge."
+picture.legend(
+    *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4
 )
-figures.save("fig-5-20-remaining", data, picture=picture, caption=caption, provenance=origin)
+caption = (
+    "Share of the particles that pass each metre: true of all flights in the same "
+    "frames, and measured. Broad bars: published, left 4.5 bar, right 5 bar; open "
+    "bounds run to the edge."
+)
+figures.save(
+    "fig-5-20-remaining", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## First metres: order of fractions, and change with pressure
 
 # %%
-bars, metre = (4.5, 5.0), "velocity 0-1 m (m/s)"
-heavy = [((a, bar), (b, bar)) for bar in bars for a in comparison.HEAVY for b in comparison.PAPERS]
+bars = (4.5, 5.0)
+metre = "velocity 0-1 m (m/s)"
+heavy = [
+    ((a, bar), (b, bar))
+    for bar in bars
+    for a in comparison.HEAVY
+    for b in comparison.PAPERS
+]
 papers = [(("confetti", bar), ("paper shred", bar)) for bar in bars]
-pressure = [((name, 5.0), (name, 4.5)) for name in (*comparison.HEAVY, *comparison.PAPERS)]
+pressure = [
+    ((name, 5.0), (name, 4.5)) for name in (*comparison.HEAVY, *comparison.PAPERS)
+]
 
 
 def measure(measured):
-    """Return differences: chips and granules from papers, confetti from shreds, 5 from 4.5 bar."""
+    """Return differences: chips and granules from papers, confetti from shreds, 5 from
+    4.5 bar.
+    """
     apart, lag, change = (
         comparison.differences(measured, results.true, metre, pairs, generator)
         for pairs in (heavy, papers, pressure)
@@ -189,8 +240,9 @@ def measure(measured):
 
 apart, lag, change, numbers = ours = measure(results.measured)
 caption = (
-    "Differences of median velocities in the first metre (m/s), measured with 95 % intervals "
-    "(Newcombe) and true: chips and granules from papers, confetti from shreds, 5 from 4.5 bar."
+    "Differences of median velocities in the first metre (m/s), measured with 95 % "
+    "intervals (Newcombe) and true: chips and granules from papers, confetti from "
+    "shreds, 5 from 4.5 bar."
 )
 orders = pd.concat([apart, lag, change])
 figures.save("velocity-orders", orders.round(3), caption=caption, provenance=origin)
@@ -198,8 +250,8 @@ figures.save("velocity-orders", orders.round(3), caption=caption, provenance=ori
 # %% [markdown]
 # ## With other choices
 #
-# The first metre with the outlet at its true place (F1), orders that rise by the RMSE alone (F2)
-# and impossible flights rejected (F6).
+# The first metre with the outlet at its true place (F1), orders that rise by the RMSE
+# alone (F2) and impossible flights rejected (F6).
 
 # %%
 varied = {
@@ -210,11 +262,21 @@ rows = []
 for value, each in ({"ours": results.measured} | varied).items():
     found = comparison.recovery(each, results.true, "velocity 0-1 m", generator)
     rows.append(found.assign(value=value))
-columns = ["value", *KEYS, "number", "measured", "true", "error", "low", "high", "verdict"]
+columns = [
+    "value",
+    *KEYS,
+    "number",
+    "measured",
+    "true",
+    "error",
+    "low",
+    "high",
+    "verdict",
+]
 first = pd.concat(rows, ignore_index=True)[columns]
 caption = (
-    "Median velocity in the first metre (m/s) with the other value of each choice: number of "
-    "flights, measured, true, and measured minus true with its 95 % interval."
+    "Median velocity in the first metre (m/s) with the other value of each choice: "
+    "number of flights, measured, true, and measured minus true with its 95 % interval."
 )
 figures.save("velocity-choices", first.round(3), caption=caption, provenance=origin)
 
@@ -238,7 +300,8 @@ def judge(apart, lag, change, numbers):
         "vel-7": comparison.all_above(lag),
     }
     holds = comparison.if_complete(numbers, answers)
-    least, kept = "Least end of any interval (m/s).", f"{right.count(True)} of {len(right)}"
+    least = "Least end of any interval (m/s)."
+    kept = f"{right.count(True)} of {len(right)}"
     found = {
         "vel-1": (apart["low"].min(), least),
         "vel-6": (kept, "Error of the change below 10 % of the velocity."),
@@ -250,7 +313,8 @@ def judge(apart, lag, change, numbers):
 # %%
 checks = judge(*ours)
 off = {
-    value: comparison.ends(errors, "{:+.1f}") for value, errors in first.groupby("value")["error"]
+    value: comparison.ends(errors, "{:+.1f}")
+    for value, errors in first.groupby("value")["error"]
 }
 compared = [
     choices.compare(
@@ -265,7 +329,7 @@ compared = [
 off = pairs[pairs["slice_m"] == 1.0].eval("measured_m_s - true_m_s")
 middle = "{:+.1f} to {:+.1f}".format(*off.quantile([0.25, 0.75]))
 result = (
-    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half of the "
-    f"errors are {middle} m/s."
+    f"The velocity in the first metre is off by {off.median():+.1f} m/s (median); half "
+    f"of the errors are {middle} m/s."
 )
 figures.conclude(result, checks, origin, choices=compared)

@@ -1,21 +1,24 @@
 # %% [markdown]
 # # Ignition: the test finds 73 % of the detected papers that burn
 #
-# **The work.** The thesis finds no wood chip or PE granule that ignites in flight, as a sum of
-# difference images shows (section 5.3.2, Fig. 5.17). Particles whose grey value "increases
-# abruptly" have ignited (Figs 5.25 and 5.26).
+# **The work.** The thesis finds no wood chip or PE granule that ignites in flight, as a
+# sum of difference images shows (section 5.3.2, Fig. 5.17). Particles whose grey value
+# "increases abruptly" have ignited (Figs 5.25 and 5.26).
 #
-# **Here.** One test, since the thesis prints no rule: the grey value above the kiln behind rises by
-# a step (`Ignition`). What is light at first sight has not ignited. Papers are tested flight by
-# flight, as in the thesis, and all fractions in the table of Fig. 5.17.
+# **Here.** One test, since the thesis prints no rule: the grey value above the kiln
+# behind rises by a step (`Ignition`). What is light at first sight has not ignited.
+# Papers are tested flight by flight, as in the thesis, and all fractions in the table
+# of Fig. 5.17.
 #
-# **One number.** Confetti that ignites at 4.5 bar: 26 % printed, 19.7 % here. (True: 22.9 %.)
+# **One number.** Confetti that ignites at 4.5 bar: 26 % printed, 19.7 % here. (True:
+# 22.9 %.)
 #
-# **What disagrees.** Of shreds 21 and 8 points too few seem to ignite. Of the unlit chips and
-# granules 4 % do, none in print; the interval holds our bound of 5 %.
+# **What disagrees.** Of shreds 21 and 8 points too few seem to ignite. Of the unlit
+# chips and granules 4 % do, none in print; the interval holds our bound of 5 %.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
+# quick (two campaigns, few frames), standard (four, 200 frames each) or full
+scale = "standard"
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 pictures = 0  # frames in each optical picture; 0: 5, 30 or 1000 by scale
@@ -25,14 +28,22 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import plots
-from kilnflight.experiments.flights import accuracy, campaigns, comparison, ignition, variants
+from kilnflight.experiments.flights import (
+    accuracy,
+    campaigns,
+    comparison,
+    ignition,
+    variants,
+)
 from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.ignition import Ignition
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import ignition_histogram
 
-BASICALLY = 0.05  # of the flights: our bound for "do not combust basically" (section 5.3)
+BASICALLY = (
+    0.05  # of the flights: our bound for "do not combust basically" (section 5.3)
+)
 SHARES = {"ignited": "ignited (%)", "early": "ignited < 0.1 s (%)"}
 
 # %%
@@ -40,19 +51,21 @@ style.use_style()
 pictures = pictures or {"quick": 5, "standard": 30, "full": 1000}[scale]
 origin = figures.trace("54_ignition", {"scale": scale, "pictures": pictures}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
-generator, keys = np.random.default_rng(seed), list(results.measured)
+generator = np.random.default_rng(seed)
+keys = list(results.measured)
 both = accuracy.compare_campaigns(results)
 
 # %% [markdown]
 # ## The optical picture
 #
-# The thesis sums the differences of all frames. In the simulation the flicker of the kiln would sum
-# up to more than one passing particle, so each pixel shows its greatest difference. Trajectories of
-# chips are "relatively dark", those of confetti "a mixture of light and dark" (section 5.2.4): in
-# the table below, too, chips are darker than confetti. Granules are exposed 2.4 times as long.
-# White discs are particles that burn on the wall, where all ignite. A flight lights up if the test
-# finds a rise. The claim holds if fewer than 5 % of the unlit chips and granules with enough points
-# to judge light up, with the whole interval.
+# The thesis sums the differences of all frames. In the simulation the flicker of the
+# kiln would sum up to more than one passing particle, so each pixel shows its greatest
+# difference. Trajectories of chips are "relatively dark", those of confetti "a mixture
+# of light and dark" (section 5.2.4): in the table below, too, chips are darker than
+# confetti. Granules are exposed 2.4 times as long. White discs are particles that burn
+# on the wall, where all ignite. A flight lights up if the test finds a rise. The claim
+# holds if fewer than 5 % of the unlit chips and granules with enough points to judge
+# light up, with the whole interval.
 
 # %%
 traces = ignition.trace_shares(results, both, Ignition())
@@ -68,24 +81,33 @@ for axes, campaign in zip(grid.flat, chosen, strict=False):
     shown.append(range(first, first + count))
     total = ignition.optical_picture(campaigns.twin_of(campaign), shown[-1])
     low, high = np.quantile(total, [0.01, 0.998])
-    style.draw_frame(axes, np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0), 4)
-    axes.set(title=f"{campaign.fraction}, 4.5 bar", xlabel="column (px)", ylabel="row (px)")
+    style.draw_frame(
+        axes, np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0), 4
+    )
+    axes.set(
+        title=f"{campaign.fraction}, 4.5 bar", xlabel="column (px)", ylabel="row (px)"
+    )
     axes.label_outer()
 caption = (
-    f"Background plus the greatest difference from it in up to {max(map(len, shown))} frames, at "
-    "4.5 bar, after Fig. 5.17. Light or dark: than the kiln behind. Table: flights "
-    "that light up before they end, with 95 % interval (Wilson). Of those that truly stay unlit or "
-    "ignite: number, how many light up (up), or are light at first (light), and median grey value."
+    f"Background plus the greatest difference from it in up to {max(map(len, shown))} "
+    "frames, at 4.5 bar, after Fig. 5.17. Light or dark: than the kiln behind. Table: "
+    "flights that light up before they end, with 95 % interval (Wilson). Of those that "
+    "truly stay unlit or ignite: number, how many light up (up), or are light at first "
+    "(light), and median grey value."
 )
 figures.save(
-    "fig-5-17-optical", traces.round(4), picture=picture, caption=caption, provenance=origin
+    "fig-5-17-optical",
+    traces.round(4),
+    picture=picture,
+    caption=caption,
+    provenance=origin,
 )
 
 # %% [markdown]
 # ## Hits, false alarms and shares
 #
-# A flight of too few points counts as unlit. So does one that burns from its first detection on: it
-# has no step.
+# A flight of too few points counts as unlit. So does one that burns from its first
+# detection on: it has no step.
 
 # %%
 rows = []
@@ -108,24 +130,25 @@ for key in keys:
     rows.append(row)
 table = pd.DataFrame(rows)
 caption = (
-    "Detected papers that truly ignite in flight (lit) and that do not (unlit), and in how many "
-    "of them ignition is detected, with 95 % intervals (Wilson). Last: number, median and spread "
-    "of the error of its time in s."
+    "Detected papers that truly ignite in flight (lit) and that do not (unlit), and in "
+    "how many of them ignition is detected, with 95 % intervals (Wilson). Last: "
+    "number, median and spread of the error of its time in s."
 )
 figures.save("ignition-detected", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Is what was put in measured?
 #
-# A share is recovered if the 95 % interval of measured minus true lies within 5 points. It is
-# biased if the interval lies outside, else open.
+# A share is recovered if the 95 % interval of measured minus true lies within 5 points.
+# It is biased if the interval lies outside, else open.
 
 # %%
 recovery = comparison.recovery(results.measured, results.true, "ignit", generator)
 recovery = recovery[recovery["fraction"].isin(comparison.PAPERS)]
 caption = (
-    "Ignition of papers in flight: printed, put in, true in the recordings and measured; measured "
-    "minus true with its 95 % interval (Wilson; bootstrap for the median)."
+    "Ignition of papers in flight: printed, put in, true in the recordings and "
+    "measured; measured minus true with its 95 % interval (Wilson; bootstrap for the "
+    "median)."
 )
 figures.save("ignition-recovery", recovery.round(3), caption=caption, provenance=origin)
 
@@ -148,24 +171,36 @@ for axes, key in zip(grid.flat, papers, strict=False):
     for k, (source, values) in enumerate(sources.items()):
         bins = ignition_histogram(values[key].ignition_s)
         at = np.array([*bins["from_s"] + 0.05, 0.95]) + 0.045 * (k - 0.5)
-        heights, look = [*bins["percent"], bins["percent"].sum()], {"hatch": style.HATCHES[k]}
+        heights = [*bins["percent"], bins["percent"].sum()]
+        look = {"hatch": style.HATCHES[k]}
         axes.bar(
-            at, heights, 0.045, ec="black", lw=0.5, label=source, color=("w", "0.7")[k], **look
+            at,
+            heights,
+            0.045,
+            ec="black",
+            lw=0.5,
+            label=source,
+            color=("w", "0.7")[k],
+            **look,
         )
     plots.draw_published(axes, campaigns.of_campaign(bounds, key))
     axes.set(title=f"{key[0]}, {key[1]} bar", ylabel="% of all particles")
 _ = [axes.axis("off") for axes in grid.flat[len(papers) :]]
 for axes in grid[-1]:
     axes.set_xlabel("time from the lance (s)")
-    axes.set_xticks([0, 0.2, 0.4, 0.6, 0.75, 0.95], ["0", "0.2", "0.4", "0.6", "later", "any"])
+    axes.set_xticks(
+        [0, 0.2, 0.4, 0.6, 0.75, 0.95], ["0", "0.2", "0.4", "0.6", "later", "any"]
+    )
 grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 caption = (
-    "When confetti and paper shreds ignite, in per cent of all particles, after Figs 5.25 and "
-    "5.26: true of all flights in the same frames, and measured. Bar in the colour of print: less "
-    "than 20 %. In the table a time is below 0 where the fit leaves the lance later than the step "
-    "was seen."
+    "When confetti and paper shreds ignite, in per cent of all particles, after Figs "
+    "5.25 and 5.26: true of all flights in the same frames, and measured. Bar in the "
+    "colour of print: less than 20 %. In the table a time is below 0 where the fit "
+    "leaves the lance later than the step was seen."
 )
-figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Who ignites more often, and earlier?
@@ -178,26 +213,32 @@ later = [pair[::-1] for pair in kinds + pressure]
 
 
 def differ(measured):
-    """Return differences of the share that ignites and of the median time, as printed above 0."""
+    """Return differences of the share that ignites and of the median time, as printed
+    above 0.
+    """
     often = comparison.differences(
         measured, results.true, SHARES["ignited"], kinds + pressure, generator
     )
-    early = comparison.differences(measured, results.true, "ignition median (s)", later, generator)
+    early = comparison.differences(
+        measured, results.true, "ignition median (s)", later, generator
+    )
     return pd.concat([often, early])
 
 
 orders = differ(results.measured)
 caption = (
-    "Differences of the share that ignites (%) and of the median ignition time (s): shreds and "
-    "confetti, 4.5 and 5 bar; measured with 95 % intervals (Newcombe), and true. The thesis has "
-    "all above 0."
+    "Differences of the share that ignites (%) and of the median ignition time (s): "
+    "shreds and confetti, 4.5 and 5 bar; measured with 95 % intervals (Newcombe), and "
+    "true. The thesis has all above 0."
 )
 figures.save("ignition-orders", orders.round(3), caption=caption, provenance=origin)
 
 
 # %%
 def false_share(traces, what):
-    """Return the share of the unlit chips and granules that seem to burn, with its interval."""
+    """Return the share of the unlit chips and granules that seem to burn, with its
+    interval.
+    """
     heavy = traces[traces["fraction"].isin(comparison.HEAVY)]
     return intervals.share(int(heavy[what].sum()), int(heavy["unlit"].sum()))
 
@@ -206,15 +247,21 @@ def judge(false, recovery, orders):
     """Return the verdicts on saved tables of one choice."""
     answers = {"ign-1": claims.beyond(BASICALLY - false.high, BASICALLY - false.low)}
     for claim, name in zip(("ign-2", "ign-3"), comparison.PAPERS, strict=True):
-        outcomes = list(SHARES.values())[: 1 if name == "confetti" else 2]  # as its sentence says
-        rows = recovery[(recovery["fraction"] == name) & recovery["outcome"].isin(outcomes)]
+        outcomes = list(SHARES.values())[
+            : 1 if name == "confetti" else 2
+        ]  # as its sentence says
+        rows = recovery[
+            (recovery["fraction"] == name) & recovery["outcome"].isin(outcomes)
+        ]
         answers[claim] = comparison.recovered(rows)
     answers["ign-4"] = comparison.all_above(orders)
     numbers = [len(each.ignition_s) for each in results.measured.values()]
     holds = comparison.if_complete(numbers, answers)
     shares = recovery[recovery["outcome"] == SHARES["ignited"]]
     told = {
-        name: ", ".join(f"{each:+.0f}" for each in shares.loc[shares["fraction"] == name, "error"])
+        name: ", ".join(
+            f"{each:+.0f}" for each in shares.loc[shares["fraction"] == name, "error"]
+        )
         for name in comparison.PAPERS
     }
     ends = f"{100 * false.low:.1f} to {100 * false.high:.1f}"
@@ -236,8 +283,8 @@ checks = judge(false, recovery, orders)
 # %% [markdown]
 # ## With other choices
 #
-# A rise of the grey value itself counts (F7), or light at first sight of chips and granules (F8; it
-# was not tried on papers).
+# A rise of the grey value itself counts (F7), or light at first sight of chips and
+# granules (F8; it was not tried on papers).
 
 # %%
 alone = variants.varied(results, variants.gray_alone, jobs)
@@ -265,7 +312,12 @@ compared = [
 
 def furthest(recovery):
     """Return the largest error of the share of papers that ignites, in points."""
-    return recovery.loc[recovery["outcome"] == SHARES["ignited"], "error"].abs().max().round(1)
+    return (
+        recovery.loc[recovery["outcome"] == SHARES["ignited"], "error"]
+        .abs()
+        .max()
+        .round(1)
+    )
 
 
 compared.append(
@@ -284,9 +336,9 @@ compared.append(
 # %%
 sums = table.sum(numeric_only=True)
 result = (
-    f"Of {false.numbers[0]} unlit wood chips and PE granules {false.estimate:.0%} seem to ignite. "
-    f"Of the detected papers the test finds {sums['lit_detected'] / max(sums['lit'], 1):.0%} of "
-    f"the burning and calls {sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones "
-    "burning."
+    f"Of {false.numbers[0]} unlit wood chips and PE granules {false.estimate:.0%} seem "
+    "to ignite. Of the detected papers the test finds "
+    f"{sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning and calls "
+    f"{sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones burning."
 )
 figures.conclude(result, checks, origin, choices=compared)

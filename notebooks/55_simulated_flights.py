@@ -1,20 +1,25 @@
 # %% [markdown]
-# # Simulated flights: seven of eight measured distributions differ from the simulated ones
+# # Simulated flights: seven of eight measured distributions differ from the simulated
+# ones
 #
-# **The work.** The thesis compares measured dwell times and velocities at 5 bar with CFD
-# simulations of another group (A.2, Figs A.5 to A.7) and finds "a satisfactory agreement". But
-# most simulated chips and granules fly more than 4 m deep, and most measured ones do not.
+# **The work.** The thesis compares measured dwell times and velocities at 5 bar with
+# CFD simulations of another group (A.2, Figs A.5 to A.7) and finds "a satisfactory
+# agreement". But most simulated chips and granules fly more than 4 m deep, and most
+# measured ones do not.
 #
-# **Here.** Our own simulated flights take the place of the CFD: another batch of the particles in
-# the recordings. They are compared with what the chain measures in the recording at 5 bar.
+# **Here.** Our own simulated flights take the place of the CFD: another batch of the
+# particles in the recordings. They are compared with what the chain measures in the
+# recording at 5 bar.
 #
-# **One number.** Median depth of landing wood chips at 5 bar: over 4 m printed, 3.52 m here.
+# **One number.** Median depth of landing wood chips at 5 bar: over 4 m printed, 3.52 m
+# here.
 #
-# **What disagrees.** The thesis finds an agreement; here seven of eight distributions differ
-# beyond chance, although the particles of both fly alike.
+# **What disagrees.** The thesis finds an agreement; here seven of eight distributions
+# differ beyond chance, although the particles of both fly alike.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
+# quick (two campaigns, few frames), standard (four, 200 frames each) or full
+scale = "standard"
 seed = 0  # of the scenes
 jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
@@ -40,13 +45,20 @@ SHOWN = 40  # flights of each fraction
 # %%
 style.use_style()
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
-origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
+origin = figures.trace(
+    "55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed
+)
 results = campaigns.results(scale, seed, jobs)
 bar = max(pressure for _, pressure in results.true)
 names = list(dict.fromkeys(name for name, _ in results.true))
 flown = {name: released(name, bar, Geometry(), particles, seed + 55) for name in names}
-simulated = {(name, bar): truth.true_flight_values(each) for name, each in flown.items()}
-sources = {"simulated": simulated, "measured": {key: results.measured[key] for key in simulated}}
+simulated = {
+    (name, bar): truth.true_flight_values(each) for name, each in flown.items()
+}
+sources = {
+    "simulated": simulated,
+    "measured": {key: results.measured[key] for key in simulated},
+}
 
 # %%
 age = np.arange(0.0, LONGEST_S, 0.004)[:, None]  # s
@@ -86,10 +98,12 @@ ends = [
 ]
 data = pd.DataFrame(ends, columns=["fraction", "end", "particles", "median_depth_m"])
 caption = (
-    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the table: how all end, and "
-    "how deep."
+    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the table: how "
+    "all end, and how deep."
 )
-figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Dwell times
@@ -106,10 +120,14 @@ def draw_paths(values, label):
     )
     for axes, (name, each) in zip(grid.flat, paths.items(), strict=False):
         side = each[:SHOWN, :, [0, 2]]
-        every = np.broadcast_to(values[name][:SHOWN].reshape(len(side), -1), side.shape[:2])
+        every = np.broadcast_to(
+            values[name][:SHOWN].reshape(len(side), -1), side.shape[:2]
+        )
         steps = np.stack([side[:, :-1], side[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
         known = np.isfinite(steps).all(axis=(2, 3))
-        lines = LineCollection(list(steps[known]), cmap="viridis", linewidths=0.6, linestyles="-")
+        lines = LineCollection(
+            list(steps[known]), cmap="viridis", linewidths=0.6, linestyles="-"
+        )
         lines.set(array=every[:, :-1][known], clim=limits)
         axes.add_collection(lines)
         axes.autoscale_view()
@@ -121,16 +139,20 @@ def draw_paths(values, label):
 
 
 # %%
-picture = draw_paths({name: each.end_s for name, each in flown.items()}, "dwell time (s)")
+picture = draw_paths(
+    {name: each.end_s for name, each in flown.items()}, "dwell time (s)"
+)
 parts = {
-    name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.along(each.end_s)})[:SHOWN]
+    name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.along(each.end_s)})[
+        :SHOWN
+    ]
     for name, each in flown.items()
 }
 data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 caption = (
-    f"{SHOWN} simulated flights of each fraction from the side, coloured by dwell time (5 to 95 % "
-    "of all), after the left part of Fig. A.6. The table: when each ends, and how far from the "
-    "lance along the kiln."
+    f"{SHOWN} simulated flights of each fraction from the side, coloured by dwell time "
+    "(5 to 95 % of all), after the left part of Fig. A.6. The table: when each ends, "
+    "and how far from the lance along the kiln."
 )
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
@@ -143,14 +165,16 @@ ends = {
     "whishi": "whisker_high",
 }
 rows = [
-    {"source": source, "fraction": name} | boxplot_stats(values[name, pressure].dwell_s)[0]
+    {"source": source, "fraction": name}
+    | boxplot_stats(values[name, pressure].dwell_s)[0]
     for source, values in sources.items()
     for name, pressure in simulated
 ]
 data = pd.DataFrame(rows).rename(columns=ends)[["source", "fraction", *ends.values()]]
 picture = plots.draw_dwell_boxes(sources, list(simulated))
 caption = (
-    "Dwell times of complete flights, simulated and measured; after the right part of Fig. A.6."
+    "Dwell times of complete flights, simulated and measured; after the right part "
+    "of Fig. A.6."
 )
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)
 
@@ -166,12 +190,15 @@ parts = {
 }
 table = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 data = table.melt(
-    ["fraction", "flight"], var_name="metre", value_name="velocity_m_s", ignore_index=False
+    ["fraction", "flight"],
+    var_name="metre",
+    value_name="velocity_m_s",
+    ignore_index=False,
 ).sort_index(kind="stable")
 caption = (
-    "The same flights coloured by their velocity in depth (5 to 95 % of all moments), after the "
-    "left part of Fig. A.7. The table: mean velocity in each metre (Eq. 5.8), empty where it was "
-    "not passed."
+    "The same flights coloured by their velocity in depth (5 to 95 % of all moments), "
+    "after the left part of Fig. A.7. The table: mean velocity in each metre (Eq. "
+    "5.8), empty where it was not passed."
 )
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
 
@@ -181,20 +208,26 @@ tables = {}
 for name, values in sources.items():
     every = {key: outcomes(each).to_dict() for key, each in values.items()}
     tables[name] = campaigns.rows_by_campaign(every)
-    tables[name].insert(2, "particles", [len(each.ignition_s) for each in values.values()])
+    tables[name].insert(
+        2, "particles", [len(each.ignition_s) for each in values.values()]
+    )
 data = pd.concat(tables, names=["source"]).reset_index("source")
-data = data.filter(regex="^(source|fraction|pressure|particles|velocity|remaining|spread)")
-caption = (
-    "Velocity in depth within each metre, simulated and measured, with the number of particles "
-    "that passed it; after the right part of Fig. A.7."
+data = data.filter(
+    regex="^(source|fraction|pressure|particles|velocity|remaining|spread)"
 )
-figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
+caption = (
+    "Velocity in depth within each metre, simulated and measured, with the number of "
+    "particles that passed it; after the right part of Fig. A.7."
+)
+figures.save(
+    "fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Result
 #
-# The thesis calls box plots that overlap an agreement. Kolmogorov and Smirnov's test is harder:
-# with enough particles the measuring error alone fails it.
+# The thesis calls box plots that overlap an agreement. Kolmogorov and Smirnov's test is
+# harder: with enough particles the measuring error alone fails it.
 
 # %%
 apart = []
@@ -205,7 +238,7 @@ for key in simulated:
         if len(first) and len(second):
             apart.append(stats.ks_2samp(first, second).pvalue < 0.05)
 result = (
-    f"Simulated and measured distributions differ beyond chance in {sum(apart)} of {len(apart)} "
-    "cases (dwell time and velocity in the first metre of each fraction)."
+    f"Simulated and measured distributions differ beyond chance in {sum(apart)} of "
+    f"{len(apart)} cases (dwell time and velocity in the first metre of each fraction)."
 )
 figures.conclude(result, [], origin)

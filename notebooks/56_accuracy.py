@@ -1,20 +1,22 @@
 # %% [markdown]
-# # Accuracy: 72 % of the particles are measured; median errors of dwell time are within 0.06 s
+# # Accuracy: 72 % of the particles are measured; median errors of dwell time are within
+# 0.06 s
 #
-# **The work.** The thesis calls the regression "qualified" and finds the deficiencies of the tracks
-# "primarily caused by detection inaccuracies" (sections 5.2.3 and 5.2.4). Without a known truth it
-# could not measure errors.
+# **The work.** The thesis calls the regression "qualified" and finds the deficiencies
+# of the tracks "primarily caused by detection inaccuracies" (sections 5.2.3 and 5.2.4).
+# Without a known truth it could not measure errors.
 #
-# **Here.** The simulation knows the true flights. One step of the chain after the other is replaced
-# by the truth, to see where the errors come from.
+# **Here.** The simulation knows the true flights. One step of the chain after the other
+# is replaced by the truth, to see where the errors come from.
 #
 # **One number.** Mean alpha of GNN after post-processing: 0.585 printed, 0.396 here.
 #
-# **What disagrees.** Long flights are lost more often than short ones. Seven of eight medians are
-# too short, by up to 0.11 s, which the regression cannot mend.
+# **What disagrees.** Long flights are lost more often than short ones. Seven of eight
+# medians are too short, by up to 0.11 s, which the regression cannot mend.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
+# quick (two campaigns, few frames), standard (four, 200 frames each) or full
+scale = "standard"
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 
@@ -40,12 +42,14 @@ whole = budget[budget["replaced_step"] == accuracy.WHOLE].reset_index(drop=True)
 # %% [markdown]
 # ## Errors of the whole chain
 #
-# Measurable particles begin and end their flight within the recording and are visible at five
-# positions or more. Detected ones have a trajectory from the lance; none is rejected. A flight that
-# left the view has the time until then, a lost one no dwell time.
+# Measurable particles begin and end their flight within the recording and are visible
+# at five positions or more. Detected ones have a trajectory from the lance; none is
+# rejected. A flight that left the view has the time until then, a lost one no dwell
+# time.
 
 # %%
-rows, short_s = {}, {}
+rows = {}
+short_s = {}
 for row in whole.to_dict("records"):
     key = row["fraction"], row["pressure_bar"]
     share = f"[{row['detected_low']:.2f}, {row['detected_high']:.2f}]"
@@ -54,11 +58,15 @@ for row in whole.to_dict("records"):
     for name, unit in accuracy.QUANTITIES.items():
         kinds = ("n", "bias", "low", "high", "spread")
         number, bias, low, high, spread = (row[f"{name}_{kind}"] for kind in kinds)
-        interval = f"[{low:+.3f}, {high:+.3f}]" if np.isfinite(low) else "[fewer than six]"
+        interval = (
+            f"[{low:+.3f}, {high:+.3f}]" if np.isfinite(low) else "[fewer than six]"
+        )
         short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
         text[f"error of {short}"] = f"{bias:+.3f} {interval}" if number else ""
         text[f"scatter of {short}"] = f"{spread:.3f}" if number else ""
-    medians = [quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true)]
+    medians = [
+        quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true)
+    ]
     short_s[key] = medians[1] - medians[0]
     ours, real = (f"{each:.3f}" if np.isfinite(each) else "unknown" for each in medians)
     text["campaign dwell (s)"] = f"{ours}, true {real}"
@@ -67,10 +75,10 @@ for row in whole.to_dict("records"):
         found = f"{row[f'{kind}_detected']:.0f} of {row[kind]:.0f}"
         text[f"{kind} reported as ignited"] = found
 caption = (
-    "Particles detected, with the 95 % interval of the share, and errors particle by particle: "
-    "median of measured minus true with its 95 % interval; scatter: half the range that holds 68 "
-    "%. Campaign dwell: medians of complete flights and of all true ones. False flights: of no "
-    "particle, of all that count."
+    "Particles detected, with the 95 % interval of the share, and errors particle by "
+    "particle: median of measured minus true with its 95 % interval; scatter: half the "
+    "range that holds 68 %. Campaign dwell: medians of complete flights and of all "
+    "true ones. False flights: of no particle, of all that count."
 )
 table = campaigns.rows_by_campaign(rows)
 figures.save("accuracy", table, caption=caption, provenance=origin)
@@ -78,55 +86,82 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Where the error comes from
 #
-# True positions have no scatter, no false ones, and grey values of two levels: darker than the
-# kiln unlit, lighter lit. True links are by place in the image; depths outside the tracker's gate
-# are left out. "Weighted axes" fits our own tracks with axes weighted by one over the RMSE of
-# Table 5.18. Ignition is tested for papers only, as in the thesis.
+# True positions have no scatter, no false ones, and grey values of two levels: darker
+# than the kiln unlit, lighter lit. True links are by place in the image; depths outside
+# the tracker's gate are left out. "Weighted axes" fits our own tracks with axes
+# weighted by one over the RMSE of Table 5.18. Ignition is tested for papers only, as in
+# the thesis.
 
 # %%
-columns = [*KEYS, "replaced_step", "measurable_particles", "detected_particles", "false_flights"]
+columns = [
+    *KEYS,
+    "replaced_step",
+    "measurable_particles",
+    "detected_particles",
+    "false_flights",
+]
 columns += [f"{name}_{kind}" for name in accuracy.QUANTITIES for kind in kinds]
 data = budget[columns]
 
 # %% tags=["hide-input"]
 names = data["fraction"].unique()
-labels = ("dwell time: error (s)", "velocity 0-1 m: error (m/s)", "ignition time: error (s)")
+labels = (
+    "dwell time: error (s)",
+    "velocity 0-1 m: error (m/s)",
+    "ignition time: error (s)",
+)
 picture, grid = style.canvas(3, 1, width_mm=style.PAGE_MM, height_mm=150, sharex=True)
 groups = data.groupby(["replaced_step", "fraction"])
 for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict=True):
-    bias, spread = (groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread"))
+    bias, spread = (
+        groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread")
+    )
     for k, step in enumerate(data["replaced_step"].unique()):
         place = np.arange(len(names)) + 0.11 * (k - 3)
-        look = {"color": [*style.COLOURS, "0.5"][k], "marker": [*style.MARKERS, "*"][k], "ms": 3}
+        look = {
+            "color": [*style.COLOURS, "0.5"][k],
+            "marker": [*style.MARKERS, "*"][k],
+            "ms": 3,
+        }
         ends = spread.loc[step, names]
-        axes.errorbar(place, bias.loc[step, names], ends, ls="", lw=0.8, label=step, **look)
+        axes.errorbar(
+            place, bias.loc[step, names], ends, ls="", lw=0.8, label=step, **look
+        )
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)
-picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-caption = (
-    "Measured minus true, by what was replaced by the truth: median (mark) and half the range that "
-    "holds 68 % (bar), means over both pressures. What remains with true positions and links is "
-    "due to regression, landing and the test of ignition."
+picture.legend(
+    *grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3
 )
-figures.save("accuracy-steps", data, picture=picture, caption=caption, provenance=origin)
+caption = (
+    "Measured minus true, by what was replaced by the truth: median (mark) and half "
+    "the range that holds 68 % (bar), means over both pressures. What remains with "
+    "true positions and links is due to regression, landing and the test of ignition."
+)
+figures.save(
+    "accuracy-steps", data, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## What detection, association and post-processing cost
 #
-# The same for the tracks, on windows like those of Table 5.15. Detections without false ones and
-# duplicates ("right detections only") show what is missed; links by the truth what no tracker can
-# mend. Beta counts false tracks, alpha does not.
+# The same for the tracks, on windows like those of Table 5.15. Detections without false
+# ones and duplicates ("right detections only") show what is missed; links by the truth
+# what no tracker can mend. Beta counts false tracks, alpha does not.
 
 # %%
 settings = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, settings, seed, jobs=jobs)
 both = {name: trackers.chosen(name) for name in ("GNN", "JPDA")}
 linked = [
-    window.detections.assign(particle=tracking.true_particles(window.detections, window.truth))
+    window.detections.assign(
+        particle=tracking.true_particles(window.detections, window.truth)
+    )
     for window in windows
 ]
 columns = ["frame", "row", "col", "x", "y", "z"]
-right = [tracked(each).drop(columns="particle").reset_index(drop=True) for each in linked]
+right = [
+    tracked(each).drop(columns="particle").reset_index(drop=True) for each in linked
+]
 inputs = {
     "true positions": [window.truth[columns] for window in windows],
     "right detections only": right,
@@ -135,7 +170,8 @@ inputs = {
 scored = []
 for name, positions in inputs.items():
     replaced = [
-        window._replace(detections=table) for window, table in zip(windows, positions, strict=True)
+        window._replace(detections=table)
+        for window, table in zip(windows, positions, strict=True)
     ]
     cells = tracking.cells(replaced, tracking.follow_all(replaced, both))
     scored.append(tabulate(cells.values()).assign(input=name))
@@ -152,7 +188,9 @@ names = mean[parts].agg(", ".join, axis=1).str.replace(", without", "")
 mean["configuration"] = names.str.replace(", with", " + steps")
 
 # %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=80, sharey=True)
+picture, (panels,) = style.canvas(
+    1, 2, width_mm=style.PAGE_MM, height_mm=80, sharey=True
+)
 for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict=True):
     for name, marker, face in zip(names, "os", ("black", "white"), strict=True):
         look = {"color": "black", "mfc": face, "label": plots.SYMBOLS[name]}
@@ -162,10 +200,12 @@ for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 panels[0].invert_yaxis()
 caption = (
-    "Measures of tracks from the lance with true and with real parts, mean over the fractions. "
-    "Trackers in their chosen settings, scoring distance 10 px."
+    "Measures of tracks from the lance with true and with real parts, mean over the "
+    "fractions. Trackers in their chosen settings, scoring distance 10 px."
 )
-figures.save("ablation-means", mean, picture=picture, caption=caption, provenance=origin)
+figures.save(
+    "ablation-means", mean, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Result
@@ -175,7 +215,8 @@ share = whole["detected_particles"].sum() / max(whole["measurable_particles"].su
 off = whole["dwell_s_bias"].dropna()
 result = (
     f"The chain measures {share:.0%} of the particles. Errors of dwell time are "
-    f"{off.abs().max():.2f} s at most (median of a campaign). Long flights are lost more often, so "
-    f"medians of campaigns are up to {max(short_s.values()):.2f} s too short."
+    f"{off.abs().max():.2f} s at most (median of a campaign). Long flights are lost "
+    f"more often, so medians of campaigns are up to {max(short_s.values()):.2f} s too "
+    "short."
 )
 figures.conclude(result, [], origin)

@@ -1,16 +1,18 @@
 # %% [markdown]
-# # A film of one's own: one command finds nearly all burning particles, few of the unlit
+# # A film of one's own: one command finds nearly all burning particles, few of the
+# unlit
 #
 # **The work.** The thesis asks for one tool for recordings of one's own (section 6.2).
 #
-# **Here.** All steps on a film without depth: background, detection, tracking. The film is one of
-# 8 bits that the simulation renders, so its true positions are known. `make film RECORDING=path`
-# makes this page of another film.
+# **Here.** All steps on a film without depth: background, detection, tracking. The film
+# is one of 8 bits that the simulation renders, so its true positions are known. `make
+# film RECORDING=path` makes this page of another film.
 #
 # **One number.** F1 of the detections, with no setting given: not printed, 0.4208 here.
 #
-# **What disagrees.** Unlit shreds are darker than the kiln, or long streaks. A search for bright
-# round spots misses most of them; with depth the kiln's own detector finds more.
+# **What disagrees.** Unlit shreds are darker than the kiln, or long streaks. A search
+# for bright round spots misses most of them; with depth the kiln's own detector finds
+# more.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (20 frames), standard (60) or full (150)
@@ -42,11 +44,13 @@ origin = figures.trace("60_own_film", used, seed=seed, mark=mark)
 # %% [markdown]
 # ## The film
 #
-# The simulated film shows burning paper shreds, cut to a part without the burner. The upper 8 of
-# 16 bits are kept.
+# The simulated film shows burning paper shreds, cut to a part without the burner. The
+# upper 8 of 16 bits are kept.
 
 # %%
-ROWS, COLUMNS, NEAR_PX = (110, 1070), (640, 1640), 20.0  # the part; distance of a hit
+ROWS = (110, 1070)
+COLUMNS = (640, 1640)
+NEAR_PX = 20.0  # the part; distance of a hit
 source = recording
 if not recording:
     twin = scenes.open_scene("paper-shred-4.5-bar", seed=seed)
@@ -57,7 +61,8 @@ film = kilnflight.open(source)
 # %% [markdown]
 # ## Three thresholds
 #
-# The threshold is estimated from the noise. Too low finds the ground, too high loses particles.
+# The threshold is estimated from the noise. Too low finds the ground, too high loses
+# particles.
 
 # %%
 picture = kilnflight.preview(film, detector=detector)
@@ -66,10 +71,13 @@ shown = titles.str.extract(
     r"frame (?P<frame>\d+), threshold (?P<threshold>\S+): (?P<detections>\d+)"
 )
 caption = (
-    "Detections in three frames of a film, with half, once and twice the threshold that a run "
-    "takes. Circles have the estimated radius; thresholds are in grey values."
+    "Detections in three frames of a film, with half, once and twice the threshold "
+    "that a run takes. Circles have the estimated radius; thresholds are in grey "
+    "values."
 )
-figures.save("own-film-preview", shown, caption=caption, provenance=origin, picture=picture)
+figures.save(
+    "own-film-preview", shown, caption=caption, provenance=origin, picture=picture
+)
 
 # %% [markdown]
 # ## All steps
@@ -79,7 +87,8 @@ figures.save("own-film-preview", shown, caption=caption, provenance=origin, pict
 # %%
 with redirect_stdout(io.StringIO()):  # the summary is shown below
     tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
-detections, tracks = tables["detections"], tables["tracks"]
+detections = tables["detections"]
+tracks = tables["tracks"]
 index = np.asarray(film.index if hasattr(film, "index") else film.per_frame["index"])
 drawn = dict(pictures(film, tables, index - index[0]))
 caption = "Settings and results of a run on a film, with the reason of each setting."
@@ -89,20 +98,40 @@ figures.save("own-film-summary", tables["summary"], caption=caption, provenance=
 counts = detections.groupby("frame").size().rename("detections").reset_index()
 caption = "Detections in each frame of a film."
 figures.save(
-    "own-film-detections", counts, caption=caption, provenance=origin, picture=drawn["detections"]
+    "own-film-detections",
+    counts,
+    caption=caption,
+    provenance=origin,
+    picture=drawn["detections"],
 )
 
 # %%
 linked = followed(tracks)  # a single detection is no track
-lines = linked[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"]).round(1)
-caption = "Tracks on the first frame of a film, each in a colour of its own; positions in px."
-figures.save("own-film-tracks", lines, caption=caption, provenance=origin, picture=drawn["tracks"])
+lines = (
+    linked[["particle", "frame", "row", "col"]]
+    .sort_values(["particle", "frame"])
+    .round(1)
+)
+caption = (
+    "Tracks on the first frame of a film, each in a colour of its own; positions in px."
+)
+figures.save(
+    "own-film-tracks",
+    lines,
+    caption=caption,
+    provenance=origin,
+    picture=drawn["tracks"],
+)
 
 # %%
 lengths = linked["particle"].value_counts()
 steps = speeds(linked)
 facts = {"tracks": len(lengths), "median_length_frames": lengths.median()}
-facts |= {f"speed_q{q}_px_frame": np.quantile(steps, q / 100) for q in (25, 50, 75) if len(steps)}
+facts |= {
+    f"speed_q{q}_px_frame": np.quantile(steps, q / 100)
+    for q in (25, 50, 75)
+    if len(steps)
+}
 caption = "Lengths of the tracks of a film, and speeds of their steps."
 figures.save(
     "own-film-lengths",
@@ -118,28 +147,34 @@ figures.save(
 # The common drift is taken off. Diffusion makes a straight line, flight a steeper one.
 
 # %%
-spreading, name = square_displacements(linked), "mean-square-displacement"
+spreading = square_displacements(linked)
+name = "mean-square-displacement"
 shown = "Too few links for a mean square displacement."
 if name in drawn:
     caption = (
-        "Mean square displacement of the tracks of a film, without the common drift. The line fits "
-        f"the first ten lags ({diffusion(spreading)[0]:.3g} px² a frame); it means diffusion only "
-        "where the points follow it."
+        "Mean square displacement of the tracks of a film, without the common drift. "
+        f"The line fits the first ten lags ({diffusion(spreading)[0]:.3g} px² a "
+        "frame); it means diffusion only where the points follow it."
     )
     known = {"caption": caption, "provenance": origin}
-    shown = figures.save("own-film-displacement", spreading, **known, picture=drawn[name])
+    shown = figures.save(
+        "own-film-displacement", spreading, **known, picture=drawn[name]
+    )
 shown
 
 # %% [markdown]
 # ## How right it is
 #
-# Of the simulated film the positions that a person would mark are known. A detection within 20 px
-# of one is right. Many unlit particles are darker than the kiln, or long streaks.
+# Of the simulated film the positions that a person would mark are known. A detection
+# within 20 px of one is right. Many unlit particles are darker than the kiln, or long
+# streaks.
 
 
 # %%
 def score(marked: pd.DataFrame) -> pd.DataFrame:
-    """Return one row of scores against marked positions, and note in ``marked`` what was found."""
+    """Return one row of scores against marked positions, and note in ``marked`` what
+    was found.
+    """
     hits = 0
     for t, true in marked.groupby("frame"):
         here = detections.loc[detections["frame"] == t, ["row", "col"]].to_numpy()
@@ -150,10 +185,13 @@ def score(marked: pd.DataFrame) -> pd.DataFrame:
     recall = marked.groupby("label")["found"].mean()
     row = row.assign(recall_burning=recall.get(2), recall_unlit=recall.get(3))
     of_tracks = score_tracks(marked, linked, NEAR_PX)
-    return row.assign(alpha=of_tracks.alpha, jsc=of_tracks.jsc, jsc_theta=of_tracks.jsc_theta)
+    return row.assign(
+        alpha=of_tracks.alpha, jsc=of_tracks.jsc, jsc_theta=of_tracks.jsc_theta
+    )
 
 
-result, shown = f"{len(lengths)} tracks hold {len(linked)} of {len(detections)} detections.", None
+result = f"{len(lengths)} tracks hold {len(linked)} of {len(detections)} detections."
+shown = None
 if not recording:
     marked = truth.marked(twin, frames).assign(found=0.0)
     first = {"frame": frames[0], "row": ROWS[0], "col": COLUMNS[0]}
@@ -164,13 +202,14 @@ if not recording:
     scores = score(marked[within & marked["label"].isin([2, 3])].reset_index(drop=True))
     found = scores.iloc[0]
     result = (
-        f"With no setting given, {100 * found['recall_burning']:.0f}% of the burning particles are "
-        f"detected and {100 * found['recall_unlit']:.0f}% of the unlit ones; F1 is "
-        f"{found['f1']:.2f}. {result}"
+        f"With no setting given, {100 * found['recall_burning']:.0f}% of the burning "
+        f"particles are detected and {100 * found['recall_unlit']:.0f}% of the unlit "
+        f"ones; F1 is {found['f1']:.2f}. {result}"
     )
     caption = (
-        "Scores of a run without settings on the simulated film: detections within 20 px of a "
-        "marked position, recall by class, tracks against the marked ones (gate 20 px)."
+        "Scores of a run without settings on the simulated film: detections within 20 "
+        "px of a marked position, recall by class, tracks against the marked ones "
+        "(gate 20 px)."
     )
     shown = figures.save("own-film-scores", scores, caption=caption, provenance=origin)
 shown

@@ -1,7 +1,9 @@
-"""Shared ground of the tests: no display, own folders, and the authors' data where it is.
+"""Shared ground of the tests: no display, own folders, and the authors' data where it
+is.
 
-Plain definitions that tests compare with stand in tests/definitions/ and import nothing of the
-package: ``from tests.definitions.dbscan import clusters`` (`pythonpath` in pyproject.toml).
+Plain definitions that tests compare with stand in tests/definitions/ and import nothing
+of the package: ``from tests.definitions.dbscan import clusters`` (`pythonpath` in
+pyproject.toml).
 """
 
 import os
@@ -32,7 +34,10 @@ mpl.use("Agg")
 PROJECT = Path(__file__).resolve().parents[1]
 # No test asserts a time: on a busy machine the first example may wait for the compiler.
 settings.register_profile(
-    "untimed", deadline=None, max_examples=15, suppress_health_check=[HealthCheck.too_slow]
+    "untimed",
+    deadline=None,
+    max_examples=15,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("untimed")
 
@@ -49,9 +54,14 @@ def own_folders(tmp_path, monkeypatch):
 def _authors_data() -> Path | None:
     named = os.environ.get("KILNFLIGHT_EXTERNAL")
     folders = [Path(named)] if named else []
-    folders += [PROJECT / "data" / "external", PROJECT.parent / "shared" / "data" / "belt_dem"]
+    folders += [
+        PROJECT / "data" / "external",
+        PROJECT.parent / "shared" / "data" / "belt_dem",
+    ]
     names = data.BELT_DEM.values()
-    return next((f for f in folders if all((f / name).is_file() for name in names)), None)
+    return next(
+        (f for f in folders if all((f / name).is_file() for name in names)), None
+    )
 
 
 AUTHORS_DATA = _authors_data()
@@ -81,7 +91,9 @@ def smoke(tmp_path_factory):
     Processes of pytest-xdist share one: the first makes it, the others wait.
     """
     fetched = any((PROJECT / "data" / "external").glob("*.zip"))
-    if os.environ.get("KILNFLIGHT_SMOKE") and not fetched:  # CI has just run `make quick`
+    if (
+        os.environ.get("KILNFLIGHT_SMOKE") and not fetched
+    ):  # CI has just run `make quick`
         folder = tmp_path_factory.mktemp("smoke")
         for name, made in {
             "build": "build/quick",
@@ -143,7 +155,9 @@ def _run_all(folder: Path) -> None:
     def execute(paths):
         run("-c", EXECUTE, build, *map(str, paths))
 
-    early = [path for number in LONGEST for path in sources if path.stem.startswith(number)]
+    early = [
+        path for number in LONGEST for path in sources if path.stem.startswith(number)
+    ]
     last = [path for path in sources if path.stem in ("00_claims", "01_choices")]
     others = [*early, *(path for path in sources if path not in (*early, *last))]
     with ThreadPoolExecutor(2) as pool:  # two processes
@@ -173,16 +187,24 @@ def constant_acceleration() -> pd.DataFrame:
         frame = start + np.arange(200)
         x = 400.0 + velocity * time + acceleration * time**2 / 2
         y = 90.0 + lateral * time + braking * time**2 / 2
-        columns = {"frame": frame, "particle": particle, "time_s": frame / 100.0, "x": x, "y": y}
+        columns = {
+            "frame": frame,
+            "particle": particle,
+            "time_s": frame / 100.0,
+            "x": x,
+            "y": y,
+        }
         tracks.append(pd.DataFrame(columns)[BELT_TRACKS.names][x < 900.0])
     return pd.concat(tracks, ignore_index=True)
 
 
 @pytest.fixture(scope="session")
 def kept_scene():
-    """A function that gives a scene by name; its flights are made once, or are there already.
+    """A function that gives a scene by name; its flights are made once, or are there
+    already.
 
-    They are kept where a run of the notebooks keeps them, under the hash of scene and code.
+    They are kept where a run of the notebooks keeps them, under the hash of scene and
+    code.
     """
 
     def kept(name):
@@ -195,7 +217,9 @@ def kept_scene():
 
 @dataclass
 class SmallRecording:
-    """A recording of 24 x 32 pixels in memory; ``asked`` lists the frames that were rendered."""
+    """A recording of 24 x 32 pixels in memory; ``asked`` lists the frames that were
+    rendered.
+    """
 
     length: int = 5
     attributes: Attributes = field(default_factory=lambda: SMALL)
@@ -270,6 +294,8 @@ def polynomials():
 
     def fit(coefficients, t0=0.0, first_s=0.02, last_s=0.4):
         outlet, orders = (0.0, 0.0, 6500.0), (2, 2, 2)
-        return Fit(outlet, t0, 0, (t0, t0), orders, coefficients, first_s, last_s, points=80)
+        return Fit(
+            outlet, t0, 0, (t0, t0), orders, coefficients, first_s, last_s, points=80
+        )
 
     return fit

@@ -29,7 +29,9 @@ def equation_in_plain_code(z):
 
 
 def test_calibration_is_the_equation():
-    depths = np.append(np.random.default_rng(0).uniform(0, 15_000, 98), [3000.0, 5000.0])
+    depths = np.append(
+        np.random.default_rng(0).uniform(0, 15_000, 98), [3000.0, 5000.0]
+    )
     expected = [equation_in_plain_code(z) for z in depths]
     np.testing.assert_allclose(calibrate_depth(depths), expected, atol=1e-6)
 
@@ -37,7 +39,9 @@ def test_calibration_is_the_equation():
 def test_points_stay_on_their_ray_and_without_a_calibration_as_they_are():
     points = [[100.0, -50.0, 5000.0], [0.0, 0.0, 3000.0]]
     expected = [[98.76, -49.38, 4938.0], [0.0, 0.0, 2869.28]]
-    np.testing.assert_allclose(calibrate_points(points, EQUATION_2_4), expected, atol=0.005)
+    np.testing.assert_allclose(
+        calibrate_points(points, EQUATION_2_4), expected, atol=0.005
+    )
     np.testing.assert_array_equal(calibrate_points(points, None), points)
     assert calibrate_points([], EQUATION_2_4).shape == (0, 3)
 
@@ -48,8 +52,14 @@ def test_points_stay_on_their_ray_and_without_a_calibration_as_they_are():
         (None, [500.0, 6000.0]),
         ("none", [500.0, 6000.0]),
         ("zhang-2023", [-5418.75, 5741.84]),
-        ([[4000, 3000], [1000, 1500], [2000, 2000]], [1250.0, 4000.0]),  # straight lines, by hand
-        ({"breakpoints_mm": [1000.0], "coefficients": [[0, 1], [2, 0]]}, [1.0, 12_000.0]),
+        (
+            [[4000, 3000], [1000, 1500], [2000, 2000]],
+            [1250.0, 4000.0],
+        ),  # straight lines, by hand
+        (
+            {"breakpoints_mm": [1000.0], "coefficients": [[0, 1], [2, 0]]},
+            [1.0, 12_000.0],
+        ),
     ],
 )
 def test_a_recording_states_its_depth_calibration(stated, depths):
@@ -62,11 +72,15 @@ def test_published_facts_about_the_equation():
     jumps = [float(facts["jump at 3000 mm"]), float(facts["jump at 5000 mm"])]
     np.testing.assert_allclose(EQUATION_2_4.jumps(), jumps, atol=0.005)
     falling = EQUATION_2_4.falling(1300.0, 11000.0)
-    np.testing.assert_allclose([falling.min(), falling.max()], [2591.2, 3000.0], atol=0.2)
+    np.testing.assert_allclose(
+        [falling.min(), falling.max()], [2591.2, 3000.0], atol=0.2
+    )
     for metre in range(1, 12):
         printed = facts[f"captured depth for true {1000 * metre} mm"]
         solutions = captured_depths(1000.0 * metre)
-        assert [round(z, 1) for z in solutions] == [float(z) for z in printed.split("/")]
+        assert [round(z, 1) for z in solutions] == [
+            float(z) for z in printed.split("/")
+        ]
         np.testing.assert_allclose(calibrate_depth(solutions), 1000.0 * metre)
 
 
@@ -76,7 +90,9 @@ def test_the_inverse_nearest_to_the_true_depth_is_taken():
     assert cubic(invert_depth(9000.0, cubic)) == pytest.approx(9000.0)
 
 
-coefficients = st.tuples(st.floats(-0.001, 0.001), st.floats(0.2, 5.0), st.floats(-5000.0, 5000.0))
+coefficients = st.tuples(
+    st.floats(-0.001, 0.001), st.floats(0.2, 5.0), st.floats(-5000.0, 5000.0)
+)
 
 
 @given(st.tuples(coefficients, coefficients, coefficients))
@@ -91,11 +107,17 @@ def test_a_fit_without_scatter_finds_the_coefficients(three):
 def test_a_continuous_fit_is_the_best_without_jumps(seed):
     rng = np.random.default_rng(seed)
     true = np.repeat(np.array(PLATE_DISTANCES_MM)[:, None], 20, axis=1)
-    captured = invert_depth(PLATE_DISTANCES_MM)[:, None] + rng.normal(0, 150, true.shape)
+    captured = invert_depth(PLATE_DISTANCES_MM)[:, None] + rng.normal(
+        0, 150, true.shape
+    )
     fitted = fit_depth_segments(captured, true, continuous=True)
     np.testing.assert_allclose(fitted.jumps(), 0.0, atol=1e-6)
-    # continuous quadratics: one of them and two more powers of the excess over each breakpoint
+    # continuous quadratics: one of them and two more powers of the excess over each
+    # breakpoint
     excess = [np.maximum(captured.ravel() / 1000 - at, 0) for at in (3.0, 5.0)]
-    powers = [*np.vander(captured.ravel() / 1000, 3).T, *(e**k for e in excess for k in (1, 2))]
+    powers = [
+        *np.vander(captured.ravel() / 1000, 3).T,
+        *(e**k for e in excess for k in (1, 2)),
+    ]
     best = np.linalg.lstsq(np.transpose(powers), true.ravel(), rcond=None)[1]
     assert np.sum((fitted(captured) - true) ** 2) == pytest.approx(best[0], rel=1e-6)

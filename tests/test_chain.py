@@ -1,4 +1,6 @@
-"""From frames to flights: views, detections and tables that depend on what they are made of."""
+"""From frames to flights: views, detections and tables that depend on what they are
+made of.
+"""
 
 from dataclasses import replace
 
@@ -122,7 +124,11 @@ def test_another_threshold_scene_or_background_is_another_file(run):
 
 def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
     other = replace(run, rules=flight.Rules(ignition=Ignition(above_background=False)))
-    changed = {name for name in chain.CHAIN_STEPS if run.table(name).path != other.table(name).path}
+    changed = {
+        name
+        for name in chain.CHAIN_STEPS
+        if run.table(name).path != other.table(name).path
+    }
     assert changed == {"flights", "slices"}
 
 
@@ -130,8 +136,12 @@ def test_a_worker_of_another_version_or_elsewhere_is_refused(run):
     def work_for_another_version(make, pieces, *_):
         make((run, pieces[0][1], paths.derived() / "detections-0.parquet"))
 
-    run = replace(run, detection=replace(run.detection, detector=Combination(DoG(302.0))))
+    run = replace(
+        run, detection=replace(run.detection, detector=Combination(DoG(302.0)))
+    )
     with pytest.raises(InputError, match=r"detections-0\.parquet"):
         chain.make_tables([run], work_for_another_version)
-    with pytest.raises(InputError, match=run.detection.table(range(202, 204)).path.name):
+    with pytest.raises(
+        InputError, match=run.detection.table(range(202, 204)).path.name
+    ):
         chain.make_tables([run], lambda *_: None)

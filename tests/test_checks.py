@@ -7,7 +7,9 @@ from kilnflight.checks import (
 )
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -1, True, "0.5", None, np.nan, np.inf, 10**400])
+@pytest.mark.parametrize(
+    "value", [0.0, 1.0, 1.5, -1, True, "0.5", None, np.nan, np.inf, 10**400]
+)
 def test_what_is_no_number_within_the_limits_is_refused(value):
     with pytest.raises(InputError, match="share: "):
         check_number(value, "share", above=0, below=1)

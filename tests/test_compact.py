@@ -1,7 +1,7 @@
 """The size of the code against the limits in pyproject.toml, counted in tokens.
 
-A token is a name, number, string or sign of code. Docstrings, comments and blank lines have none,
-so that joining lines makes nothing smaller and explaining costs nothing.
+A token is a name, number, string or sign of code. Docstrings, comments and blank lines
+have none, so that joining lines makes nothing smaller and explaining costs nothing.
 """
 
 import ast
@@ -55,7 +55,9 @@ def tokens_by_function(text: str) -> dict[str, int]:
 
 def test_neither_docstrings_nor_comments_nor_line_breaks_count():
     plain = "def add(a, b):\n    return a + b\n"
-    written = 'def add(\n    a,\n    b,\n):\n    """Add."""\n\n    return a + b  # sum\n'
+    written = (
+        'def add(\n    a,\n    b,\n):\n    """Add."""\n\n    return a + b  # sum\n'
+    )
     assert sum(tokens_by_line(plain).values()) == 12
     assert sum(tokens_by_line(written).values()) == 13  # the comma behind b
     assert tokens_by_function(plain) == {"add:1": 12}
@@ -72,10 +74,16 @@ def test_the_package_and_its_parts_keep_to_their_limits():
     }
     assert package <= LIMITS["package"]
     assert {name: size for name, size in files.items() if size > LIMITS["file"]} == {}
-    assert {name: size for name, size in functions.items() if size > LIMITS["function"]} == {}
+    assert {
+        name: size for name, size in functions.items() if size > LIMITS["function"]
+    } == {}
 
 
 def test_notebooks_are_few_and_short():
-    sizes = {path.name: tokens_by_line(path.read_text("utf-8")).total() for path in NOTEBOOKS}
+    sizes = {
+        path.name: tokens_by_line(path.read_text("utf-8")).total() for path in NOTEBOOKS
+    }
     assert len(sizes) <= LIMITS["notebooks"]
-    assert {name: size for name, size in sizes.items() if size > LIMITS["notebook"]} == {}
+    assert {
+        name: size for name, size in sizes.items() if size > LIMITS["notebook"]
+    } == {}

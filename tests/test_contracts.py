@@ -1,7 +1,8 @@
 """What outside readers rely on: the public calls with nothing, one and many.
 
-Of each call: types, columns, the caller's index and order of rows, other number types, input that
-stays as it was, and bad input, which is one `InputError` that names the argument.
+Of each call: types, columns, the caller's index and order of rows, other number types,
+input that stays as it was, and bad input, which is one `InputError` that names the
+argument.
 """
 
 from functools import partial
@@ -14,7 +15,13 @@ import kilnflight
 from kilnflight import background
 from kilnflight.association import GNN, JPDA, PDA, NearestNeighbor, joint_probabilities
 from kilnflight.checks import InputError
-from kilnflight.detection import DBSCAN, DoG, MorphologicalClustering, Otsu, QuasiClusterCenters
+from kilnflight.detection import (
+    DBSCAN,
+    DoG,
+    MorphologicalClustering,
+    Otsu,
+    QuasiClusterCenters,
+)
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.otsu import otsu_threshold
 from kilnflight.flight import space_sliced_velocity
@@ -27,24 +34,38 @@ from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, G
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import STEPS, postprocess
 
-CLUSTERERS = [DBSCAN(30.0, 4), MorphologicalClustering(40), QuasiClusterCenters(k=5, alpha=0.5)]
+CLUSTERERS = [
+    DBSCAN(30.0, 4),
+    MorphologicalClustering(40),
+    QuasiClusterCenters(k=5, alpha=0.5),
+]
 DETECTORS = [DoG(500.0), Otsu()]
 EXIT = (10.0, -20.0, 6000.0)
 
 
 def flights(count=3, frames=12):
-    """Straight flights far apart, in camera coordinates (mm) and pixels, frame by frame."""
+    """Straight flights far apart, in camera coordinates (mm) and pixels, frame by
+    frame.
+    """
     frame, particle = np.divmod(np.arange(frames * count), count)
     row, col = 20.0 + 60 * particle + 2.0 * frame, 10.0 + 5.0 * frame
     table = pd.DataFrame({"frame": frame, "particle": particle, "row": row, "col": col})
-    return table.assign(x=10.0 + frame, y=-20.0 - frame, z=5800.0 - 40 * frame, points=9)
+    return table.assign(
+        x=10.0 + frame, y=-20.0 - frame, z=5800.0 - 40 * frame, points=9
+    )
 
 
 def one_flight(frames=20):
     """A trajectory of order 2 that leaves `EXIT` 0.1 s before frame 0, at 100 Hz."""
     time = np.arange(frames) / 100.0 + 0.1
-    places = [10.0 + 300 * time, -20.0 + 50 * time - 400 * time**2, 6000.0 - 9000 * time]
-    return pd.DataFrame(dict(zip("xyz", places, strict=True))).assign(frame=np.arange(frames))
+    places = [
+        10.0 + 300 * time,
+        -20.0 + 50 * time - 400 * time**2,
+        6000.0 - 9000 * time,
+    ]
+    return pd.DataFrame(dict(zip("xyz", places, strict=True))).assign(
+        frame=np.arange(frames)
+    )
 
 
 def cloud():
@@ -83,27 +104,48 @@ def test_tracks_are_scored():
     table = flights()
     before = table.copy()
     one = table[table["particle"] == 1]
-    score = score_tracks(shuffled(table), shuffled(one).astype({"frame": float}), gate=5.0)
+    score = score_tracks(
+        shuffled(table), shuffled(one).astype({"frame": float}), gate=5.0
+    )
     assert (score.tp, score.fn, score.fp, score.fn_tracks) == (12, 24, 0, 2)
     assert score.alpha == score.beta == pytest.approx(1 / 3)
     none = score_tracks(table, table.head(0), 5.0)
-    assert (none.alpha, none.beta, none.jsc, none.jsc_theta, none.fn) == (0, 0, 0, 0, 36)
+    assert (none.alpha, none.beta, none.jsc, none.jsc_theta, none.fn) == (
+        0,
+        0,
+        0,
+        0,
+        36,
+    )
     in_space = score_tracks(table, table.assign(row=0.0), 5.0, columns=["x", "y", "z"])
     assert in_space.jsc == 1.0
     pd.testing.assert_frame_equal(table, before)
 
 
-@pytest.mark.parametrize("kind", [list, np.array, lambda places: np.asfortranarray(places, "f4")])
+@pytest.mark.parametrize(
+    "kind", [list, np.array, lambda places: np.asfortranarray(places, "f4")]
+)
 def test_detections_are_scored(kind):
-    truth_px, found = kind([(0, 0), (0, 60), (200, 0)]), kind([(9, 0), (0, 40), (300, 0)])
+    truth_px, found = (
+        kind([(0, 0), (0, 60), (200, 0)]),
+        kind([(9, 0), (0, 40), (300, 0)]),
+    )
     score = score_detections(truth_px, found)
     assert (score.tp, score.fp, score.fn) == (2, 1, 1)
-    assert (score.precision, score.recall, score.f1) == pytest.approx((2 / 3, 2 / 3, 2 / 3))
+    assert (score.precision, score.recall, score.f1) == pytest.approx(
+        (2 / 3, 2 / 3, 2 / 3)
+    )
     assert score.pairs.tolist() == [[0, 0], [1, 1]]
     for empty in ([], np.empty((0, 2))):
         assert score_detections(truth_px, empty).fn == 3
         none = score_detections(empty, empty)
-        assert (none.tp, none.precision, none.recall, none.f1, len(none.pairs)) == (0, 0, 0, 0, 0)
+        assert (none.tp, none.precision, none.recall, none.f1, len(none.pairs)) == (
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
 
 
 # Detection
@@ -122,7 +164,9 @@ def test_clusters_have_whole_labels(clusterer):
     single = points.astype(np.float32)
     assert same_groups(clusterer(single), clusterer(single.astype(np.float64)))
     np.testing.assert_array_equal(clusterer(np.asfortranarray(points)), labels)
-    np.testing.assert_array_equal(clusterer(np.repeat(points, 2, axis=1)[:, ::2]), labels)
+    np.testing.assert_array_equal(
+        clusterer(np.repeat(points, 2, axis=1)[:, ::2]), labels
+    )
     np.testing.assert_array_equal(clusterer(points.tolist()), labels)
     for empty in ([], np.empty((0, 3))):
         assert clusterer(empty).shape == (0,)
@@ -157,7 +201,9 @@ def test_each_wanted_frame_has_a_foreground(model):
     images[90, 4, 5] = 9000
     before[90, 4, 5] = 9000
     found = list(model(images, iter([90, 3, 199])))
-    assert [(image.shape, image.dtype) for image in found] == 3 * [((9, 12), np.float32)]
+    assert [(image.shape, image.dtype) for image in found] == 3 * [
+        ((9, 12), np.float32)
+    ]
     assert np.unravel_index(found[0].argmax(), (9, 12)) == (4, 5)
     (alone,) = model(images, [3])
     np.testing.assert_array_equal(alone, found[1])
@@ -166,7 +212,9 @@ def test_each_wanted_frame_has_a_foreground(model):
     (still,) = model(images[:1], [0])
     assert not still.any()
     for kind in (np.float32, np.float64):
-        np.testing.assert_allclose(next(model(images.astype(kind), [3])), alone, atol=1e-3)
+        np.testing.assert_allclose(
+            next(model(images.astype(kind), [3])), alone, atol=1e-3
+        )
     flipped = np.asfortranarray(images)[:, ::-1]
     np.testing.assert_array_equal(next(model(flipped, [3])), alone[::-1])
 
@@ -181,8 +229,12 @@ def test_joint_probabilities_sum_to_one():
     assert (found.shape, found.dtype) == ((2, 4), np.float64)
     events = {"--": 0.03, "0-": 0.15, "1-": 0.06, "-0": 0.04, "10": 0.08}
     shares = [[0.07, 0.15, 0.14, 0], [0.24, 0.12, 0, 0]]
-    np.testing.assert_allclose(found, np.array(shares) / sum(events.values()), rtol=1e-12)
-    single = joint_probabilities(np.asfortranarray(likelihood, np.float32), np.float32([0.1, 0.3]))
+    np.testing.assert_allclose(
+        found, np.array(shares) / sum(events.values()), rtol=1e-12
+    )
+    single = joint_probabilities(
+        np.asfortranarray(likelihood, np.float32), np.float32([0.1, 0.3])
+    )
     np.testing.assert_allclose(single, found, rtol=1e-6)
     np.testing.assert_array_equal(likelihood, before)
     assert joint_probabilities(np.empty((0, 0)), []).shape == (0, 1)
@@ -209,7 +261,9 @@ def test_detections_are_linked(associator):
     assert same_groups(others["particle"].to_numpy(), table["true"].to_numpy())
     plain = track(table[["frame", "row", "col"]], associator)
     assert plain["particle"].nunique() == 3
-    dropped = track(table.assign(particle=np.where(table["true"] == 1, -1, 0)), associator)
+    dropped = track(
+        table.assign(particle=np.where(table["true"] == 1, -1, 0)), associator
+    )
     assert set(dropped.loc[table["true"] == 1, "particle"]) <= {-1}
     assert len(track(table.head(1), associator)) == 1
     empty = track(table.head(0), associator)
@@ -223,7 +277,9 @@ def test_tracks_keep_rows_and_columns(steps):
     before = table.copy()
     found = postprocess(table, steps=steps)
     pd.testing.assert_frame_equal(table, before)
-    pd.testing.assert_frame_equal(found.drop(columns="particle"), table.drop(columns="particle"))
+    pd.testing.assert_frame_equal(
+        found.drop(columns="particle"), table.drop(columns="particle")
+    )
     assert same_groups(found["particle"].to_numpy(), table["particle"].to_numpy())
     turned = postprocess(table[::-1], steps=steps)["particle"]
     pd.testing.assert_series_equal(turned[::-1], found["particle"])
@@ -248,8 +304,12 @@ def test_a_track_is_regressed(exit_point):
     np.testing.assert_allclose(fit.coefficients, expected, atol=1e-2)
     np.testing.assert_allclose(fit.rmse_mm, 0, atol=1e-3)
     np.testing.assert_allclose([fit.r2, fit.r2_adjusted], 1, atol=1e-6)
-    np.testing.assert_allclose(fit(table["frame"] / 100.0), table[list("xyz")], atol=1e-2)
-    np.testing.assert_allclose(np.ravel(fit(0.05)), table.loc[5, list("xyz")], atol=1e-2)
+    np.testing.assert_allclose(
+        fit(table["frame"] / 100.0), table[list("xyz")], atol=1e-2
+    )
+    np.testing.assert_allclose(
+        np.ravel(fit(0.05)), table.loc[5, list("xyz")], atol=1e-2
+    )
     gaps = shuffled(pd.concat([table, table.tail(1).assign(frame=30, x=np.nan)]))
     assert regress(gaps, exit_point, 100.0).t0 == fit.t0
     clocked = table.assign(time_s=table["frame"] / 100.0).drop(columns="frame")
@@ -266,7 +326,10 @@ SETTINGS = [  # that are out of range
     (QuasiClusterCenters, {"k": (0,), "alpha": (-0.1,)}),
     (DoG, {"threshold": (-1.0,), "camera_blur": (2.0, -1.0, NAN)}),
     (Combination, {"prominence": (0.0,), "share": (-0.1,)}),
-    *((kind, {"interval": (0, 2.5, None)}) for kind in map(type, background.MODELS[:2])),
+    *(
+        (kind, {"interval": (0, 2.5, None)})
+        for kind in map(type, background.MODELS[:2])
+    ),
     *((kind, {"window": (0, 2.5, None)}) for kind in map(type, background.MODELS[2:])),
     (background.Adaptive, {"learning_rate": (1.1,)}),
     (background.RunningGaussian, {"memory": (-0.1,), "k": (-1,)}),
@@ -296,7 +359,10 @@ BAD_CALLS = [  # other faults than those of tests/faults
     ("columns", partial(score_tracks, TABLE, TABLE, 5.0, columns=[])),
     ("truth", partial(score_tracks, TABLE.head(0), TABLE, 5.0)),
     ("values", partial(otsu_threshold, np.array([0.0, 70_000.0]))),
-    *(("indices", lambda m=m: list(m(np.zeros((5, 4, 6)), [5]))) for m in background.MODELS),
+    *(
+        ("indices", lambda m=m: list(m(np.zeros((5, 4, 6)), [5])))
+        for m in background.MODELS
+    ),
     ("nonassignment", partial(joint_probabilities, [[0.0]], [0.0])),
     ("track", partial(regress, FLIGHT.head(3), EXIT, 100.0)),
     (r"\bz\b", partial(regress, FLIGHT.assign(z=1e200), EXIT, 100.0)),

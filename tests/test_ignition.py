@@ -41,7 +41,14 @@ def test_slow_small_and_downward_changes_are_no_ignition():
     wave = 3000 + 800 * np.sin(np.arange(60) / 4)
     small = course(high=3150.0, scatter=10.0)  # for sure, but 5 %
     blurred = course(high=3500.0, scatter=400.0)  # 1.25 standard deviations
-    for values in (course(high=3000.0), course(high=1000.0), ramp, wave, small, blurred):
+    for values in (
+        course(high=3000.0),
+        course(high=1000.0),
+        ramp,
+        wave,
+        small,
+        blurred,
+    ):
         assert TEST(TIME, values).outcome == "none"
 
 
@@ -81,10 +88,14 @@ def test_too_few_detections_to_judge():
 def test_the_test_holds_its_level_and_has_power():
     noise = np.random.default_rng(1).normal(1000.0, 50.0, (200, 40))
     rise = 250.0 * (np.arange(40) >= 20)
-    still, risen = ([TEST(np.arange(40), values + r) for values in noise] for r in (0, rise))
+    still, risen = (
+        [TEST(np.arange(40), values + r) for values in noise] for r in (0, rise)
+    )
     assert np.mean([each.outcome == "seen" for each in still]) <= 0.01
     assert np.mean([each.outcome == "seen" for each in risen]) > 0.99
-    assert np.nanmedian([abs(ignited.time_s - 19.5) for ignited in risen]) <= 1  # points
+    assert (
+        np.nanmedian([abs(ignited.time_s - 19.5) for ignited in risen]) <= 1
+    )  # points
 
 
 @given(VALUES, st.integers(1, 4))
@@ -103,7 +114,9 @@ def test_ties_are_no_evidence_and_other_ranks_are_scipys(before, after):
     one, two = np.array(before, float), np.array(after, float)
     broken = rank_sum_p(one - 1e-3, two)
     assert rank_sum_p(one, two) >= broken * (1 - 1e-9)
-    ranks = np.random.default_rng(len(one)).permutation(len(one) + len(two)).astype(float)
+    ranks = (
+        np.random.default_rng(len(one)).permutation(len(one) + len(two)).astype(float)
+    )
     first, second = ranks[: len(one)], ranks[len(one) :]
     peer = mannwhitneyu(first, second, alternative="less", method="exact").pvalue
     assert rank_sum_p(first, second) == pytest.approx(peer, rel=1e-9)

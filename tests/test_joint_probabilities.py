@@ -14,8 +14,12 @@ from kilnflight.association import joint_probabilities
 seeds = st.integers(0, 2**32 - 1)
 
 
-@given(seeds, st.integers(1, 5), st.integers(1, 5), st.floats(0.2, 1), st.floats(-250, 250))
-def test_against_enumeration_on_any_scale_of_a_track(seed, tracks, detections, share, power):
+@given(
+    seeds, st.integers(1, 5), st.integers(1, 5), st.floats(0.2, 1), st.floats(-250, 250)
+)
+def test_against_enumeration_on_any_scale_of_a_track(
+    seed, tracks, detections, share, power
+):
     rng = np.random.default_rng(seed)
     likelihood = rng.exponential(1, (tracks, detections))
     likelihood *= rng.random(likelihood.shape) < share
@@ -44,17 +48,29 @@ def test_a_chain_of_forty():
     left, right = rng.exponential(1, (2, 40))
     likelihood[index, index], likelihood[index, index + 1] = left, right
     free, used = chain_sums(left, right, missed)
-    back_free, back_used = (s[::-1] for s in chain_sums(right[::-1], left[::-1], missed[::-1]))
+    back_free, back_used = (
+        s[::-1] for s in chain_sums(right[::-1], left[::-1], missed[::-1])
+    )
     before, after = (free + used)[:-1], (back_free + back_used)[1:]
-    expected = [before * missed * after, free[:-1] * left * after, before * right * back_free[1:]]
-    result = joint_probabilities(likelihood, missed, most_states=2**12)  # warnings are errors
+    expected = [
+        before * missed * after,
+        free[:-1] * left * after,
+        before * right * back_free[1:],
+    ]
+    result = joint_probabilities(
+        likelihood, missed, most_states=2**12
+    )  # warnings are errors
     found = [result[:, 0], result[index, 1 + index], result[index, 2 + index]]
     np.testing.assert_allclose(found, np.array(expected) / (free + used)[-1], rtol=1e-9)
 
 
-@pytest.mark.parametrize(("tracks", "detections"), [(14, 14), (3, 40), (40, 3), (18, 18)])
+@pytest.mark.parametrize(
+    ("tracks", "detections"), [(14, 14), (3, 40), (40, 3), (18, 18)]
+)
 def test_all_in_all_gates(tracks, detections):
-    """All weights 1: events with k pairs are C(n, k) m! / (m - k)!, and all tracks are alike."""
+    """All weights 1: events with k pairs are C(n, k) m! / (m - k)!, and all tracks are
+    alike.
+    """
     counts = [comb(tracks, k) * perm(detections, k) for k in range(tracks + 1)]
     matched = sum(k * count for k, count in enumerate(counts)) / sum(counts) / tracks
     result = joint_probabilities(np.ones((tracks, detections)), np.ones(tracks))
@@ -67,13 +83,17 @@ def test_extreme_likelihoods_and_tracks_that_must_have_a_detection():
     tiny = np.full((3, 3), 1e-300)
     tiny[:, 0] = 1.0
     result = joint_probabilities(tiny, np.zeros(3))
-    np.testing.assert_allclose(result, np.column_stack([np.zeros(3), np.full((3, 3), 1 / 3)]))
+    np.testing.assert_allclose(
+        result, np.column_stack([np.zeros(3), np.full((3, 3), 1 / 3)])
+    )
     mixed = joint_probabilities([[1e300, 1e-300], [1e300, 0.0]], [1e-300, 1e300])
     np.testing.assert_allclose(mixed, [[0, 1, 0], [1, 0, 0]], atol=1e-12)
 
 
 def test_dense_groups_alone_leave_out_their_weakest_pairs():
-    """Exact for the pairs that stay, and near to the whole; the other group is untouched."""
+    """Exact for the pairs that stay, and near to the whole; the other group is
+    untouched.
+    """
     rng = np.random.default_rng(1)
     likelihood = rng.exponential(1, (5, 5)) * 1e-6 + np.eye(5)
     likelihood[0, 1] = 0.5
@@ -85,7 +105,9 @@ def test_dense_groups_alone_leave_out_their_weakest_pairs():
     assert (kept.diagonal() > 0).all()
     assert kept[0, 1] > 0
     assert 0 < (kept == 0).sum() < 20
-    exact, whole = (plain_probabilities(each, missed[:5]) for each in (kept, likelihood))
+    exact, whole = (
+        plain_probabilities(each, missed[:5]) for each in (kept, likelihood)
+    )
     np.testing.assert_allclose(result[:5, :6], exact, rtol=1e-9)
     np.testing.assert_allclose(result[:5, :6], whole, atol=1e-4)
     alone = joint_probabilities(both[5:, 5:], missed[5:])

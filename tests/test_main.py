@@ -16,9 +16,13 @@ TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
 @pytest.fixture
 def manifest(tmp_path):
     for frame in range(3):
-        tifffile.imwrite(tmp_path / f"{frame}.tif", np.full((4, 5), 1000 + frame, np.uint16))
+        tifffile.imwrite(
+            tmp_path / f"{frame}.tif", np.full((4, 5), 1000 + frame, np.uint16)
+        )
     path = tmp_path / "mine.toml"
-    path.write_text('name = "mine"\nframe_rate_hz = 330\n[gray]\npattern = "{frame}.tif"\n')
+    path.write_text(
+        'name = "mine"\nframe_rate_hz = 330\n[gray]\npattern = "{frame}.tif"\n'
+    )
     return path
 
 
@@ -36,7 +40,9 @@ def twin(monkeypatch, small):
     return seeds
 
 
-def test_import_and_info_print_what_a_recording_holds(manifest, tmp_path, capsys, monkeypatch):
+def test_import_and_info_print_what_a_recording_holds(
+    manifest, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     main(["import", str(manifest)])
     imported = capsys.readouterr().out.splitlines()
@@ -66,7 +72,10 @@ def test_a_full_disk_and_a_stop_are_one_line(manifest, monkeypatch, capsys, faul
 def test_export_with_truth(twin, tmp_path, capsys, same_frame, small, extra):
     main(["export", "small", str(tmp_path / "s"), *extra])
     stored = open_recording(tmp_path / "s")
-    assert capsys.readouterr().out == f"exported {len(stored)} frames of small to {stored.path}\n"
+    assert (
+        capsys.readouterr().out
+        == f"exported {len(stored)} frames of small to {stored.path}\n"
+    )
     assert len(stored) == (3 if extra else 5)
     same_frame(stored.frame(2), small.frame(3 if extra else 2))
     truth = pd.read_parquet(stored.path / "truth/particles.parquet")
@@ -77,21 +86,37 @@ def test_export_with_truth(twin, tmp_path, capsys, same_frame, small, extra):
 @pytest.mark.parametrize(
     "command",
     [
-        *(["import", "gone.toml"], ["info", "gone"], ["run", "gone"], ["export", "gone", "a.zarr"]),
+        *(
+            ["import", "gone.toml"],
+            ["info", "gone"],
+            ["run", "gone"],
+            ["export", "gone", "a.zarr"],
+        ),
         *(["preview", "gone"], ["track", "gone.csv", "t.csv"], ["track", ".", "t.csv"]),
-        *(["track", "gone.csv", "no/t"], ["track", "gone.csv", "t", "--format", "gone"]),
+        *(
+            ["track", "gone.csv", "no/t"],
+            ["track", "gone.csv", "t", "--format", "gone"],
+        ),
         *(["detect", "gone"], ["run", "gone", "--size", "no/"], ["run"], []),
-        *(["export", "V1@small", "s", "--frames", *ends] for ends in (("4", "2"), ("0", "9999"))),
+        *(
+            ["export", "V1@small", "s", "--frames", *ends]
+            for ends in (("4", "2"), ("0", "9999"))
+        ),
     ],
 )
-def test_a_wrong_input_is_named_in_the_last_line(command, tmp_path, capsys, monkeypatch):
+def test_a_wrong_input_is_named_in_the_last_line(
+    command, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match="2"):
         main(command)
     output = capsys.readouterr()
     assert output.out == ""
     assert output.err.splitlines()[-1].startswith("kilnflight")
-    assert any(word in output.err for word in ("gone", ".: ", "no/", "detect", "required", "V1@"))
+    assert any(
+        word in output.err
+        for word in ("gone", ".: ", "no/", "detect", "required", "V1@")
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -107,13 +132,21 @@ def test_a_flight_is_tracked_in_any_form(form, tmp_path, capsys):
     flight = pd.DataFrame({"x": 40.0, "frame": np.arange(6.0), "y": np.arange(6) * 9.0})
     flight.to_csv(tmp_path / "d.csv", index=False)
     command = ["track", str(tmp_path / "d.csv"), str(tmp_path / "t"), "--format", form]
-    for extra in ([], ["--jpda"], ["--post-processing"], ["--max-step", "12", "--memory", "2"]):
+    for extra in (
+        [],
+        ["--jpda"],
+        ["--post-processing"],
+        ["--max-step", "12", "--memory", "2"],
+    ):
         main([*command, *extra])
         assert "1 tracks with 6 of 6 detections" in capsys.readouterr().out
     flight[:0].to_csv(tmp_path / "d.csv", index=False)
     main(command)
     assert "0 tracks with 0 of 0 detections" in capsys.readouterr().out
-    for table, named in [(flight / 2, "frame"), (flight.drop(columns="frame"), "frame")]:
+    for table, named in [
+        (flight / 2, "frame"),
+        (flight.drop(columns="frame"), "frame"),
+    ]:
         table.to_csv(tmp_path / "d.csv", index=False)
         with pytest.raises(SystemExit, match="2"):
             main(command)

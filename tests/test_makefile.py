@@ -1,7 +1,8 @@
-"""make itself, on a copy of the project with three small notebooks and this environment.
+"""make itself, on a copy of the project with three small notebooks and this
+environment.
 
-What runs when is asked of make with a stand-in for Python, which only writes down what it was to
-do. One project goes the whole way with real notebooks, test after test.
+What runs when is asked of make with a stand-in for Python, which only writes down what
+it was to do. One project goes the whole way with real notebooks, test after test.
 """
 
 import os
@@ -45,17 +46,23 @@ esac
 """
 STEMS = ["00_claims", "02_one", "26_two"]
 
-pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+pytestmark = pytest.mark.skipif(
+    shutil.which("make") is None, reason="no make on this machine"
+)
 
 
 def copied(folder, python):
-    """Make a project in a folder, in which nothing has run; ``python`` stands for Python."""
+    """Make a project in a folder, in which nothing has run; ``python`` stands for
+    Python.
+    """
     for part in ("analysis", "data/reference", "docs"):
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
         shutil.copytree(PROJECT / part, folder / part, ignore=ignored)
     for name in ("Makefile", "pyproject.toml", "requirements.lock", "CITATION.cff"):
         shutil.copy(PROJECT / name, folder / name)
-    (folder / "docs" / "api.md").write_text("# API\n")  # the real one takes half a minute
+    (folder / "docs" / "api.md").write_text(
+        "# API\n"
+    )  # the real one takes half a minute
     (folder / "notebooks").mkdir()
     for stem in STEMS:
         write(folder, stem)
@@ -88,8 +95,12 @@ def write(folder, stem, last="pass"):
 
 
 def settings(folder):
-    """How make is called: one job, and no network, so that no optional data are fetched."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("KILNFLIGHT", "MAKE"))}
+    """How make is called: one job, and no network, so that no optional data are
+    fetched.
+    """
+    kept = {
+        k: v for k, v in os.environ.items() if not k.startswith(("KILNFLIGHT", "MAKE"))
+    }
     kept |= {"PYTHONPATH": str(folder / "analysis"), "JOBS": "1"}
     kept |= dict.fromkeys(("https_proxy", "HTTPS_PROXY"), "http://127.0.0.1:9")
     return {"cwd": folder, "env": kept, "text": True}
@@ -101,7 +112,9 @@ def make(folder, *arguments):
 
 
 def ran(done):
-    return [line.split(":")[0] for line in done.stdout.splitlines() if ": running" in line]
+    return [
+        line.split(":")[0] for line in done.stdout.splitlines() if ": running" in line
+    ]
 
 
 def test_a_failing_cell_stops_make_and_is_not_taken_as_done(real):
@@ -119,7 +132,11 @@ def test_a_failing_cell_stops_make_and_is_not_taken_as_done(real):
 
 def test_a_killed_run_leaves_nothing(real):
     sleeping = real / "sleeping"
-    write(real, "26_two", f"import time; open({str(sleeping)!r}, 'w').close(); time.sleep(60)")
+    write(
+        real,
+        "26_two",
+        f"import time; open({str(sleeping)!r}, 'w').close(); time.sleep(60)",
+    )
     with subprocess.Popen(
         ["make"],
         **settings(real),
@@ -140,7 +157,9 @@ def test_a_killed_run_leaves_nothing(real):
     assert "Traceback" not in errors
     assert "26_two: interrupted" in errors
     left = {path.name for path in (real / "build" / "standard").iterdir()}
-    assert not [name for name in left if name.startswith(".") or name == "26_two.ipynb"], left
+    assert not [
+        name for name in left if name.startswith(".") or name == "26_two.ipynb"
+    ], left
 
 
 def test_make_goes_on_where_it_was_stopped(real):
@@ -195,14 +214,19 @@ def test_campaigns_come_before_those_that_take_their_tables(project):
     for scale in ("standard", "full"):
         order = ran(make(project, scale, "JOBS=2"))
         assert sorted(order) == sorted([*STEMS, *stems])
-        assert set(order[:2]) == {"23_compiles", "45_belt"}  # the belt shares no compiled code
+        assert set(order[:2]) == {
+            "23_compiles",
+            "45_belt",
+        }  # the belt shares no compiled code
         assert order.index("50_campaigns") < order.index("52_late")
         if scale == "full":  # nothing runs beside it
             assert order[-3:] == ["50_campaigns", "52_late", "00_claims"]
         assert order[-1] == "00_claims"
     lines = (project / "asked").read_text().splitlines()
     started = [line for line in lines if "publication.notebooks" in line]
-    assert [line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")] == ["50"]
+    assert [
+        line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")
+    ] == ["50"]
     (project / "notebooks" / "52_late.py").touch()
     (project / "notebooks" / "60_early.py").touch()
     assert ran(make(project, "SCALE=full", "build/full/52_late.ipynb")) == ["52_late"]
@@ -217,7 +241,15 @@ def test_a_wrong_parameter_of_a_late_notebook_stops_all(real):
 
 def test_help_lists_every_target_with_its_comment(project):
     text = make(project, "help").stdout
-    for target in ("quick standard full", "setup", "data", "test", "check", "bench", "clean"):
+    for target in (
+        "quick standard full",
+        "setup",
+        "data",
+        "test",
+        "check",
+        "bench",
+        "clean",
+    ):
         assert f"make {target} " in text
 
 

@@ -1,4 +1,6 @@
-"""The notebooks: rules of the house, and a smoke run of the whole chain up to the pages."""
+"""The notebooks: rules of the house, and a smoke run of the whole chain up to the
+pages.
+"""
 
 import json
 from pathlib import Path
@@ -38,7 +40,12 @@ def test_a_notebook_keeps_the_rules(path):
     notebook = jupytext.read(path)
     first = notebook.cells[0].source
     assert first.startswith("# ")
-    for words in ("**The work.**", "**Here.**", "**One number.**", "**What disagrees.**"):
+    for words in (
+        "**The work.**",
+        "**Here.**",
+        "**One number.**",
+        "**What disagrees.**",
+    ):
         assert words in first
     assert {"scale", "seed"} <= set(notebooks.known_parameters(path))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
@@ -79,7 +86,10 @@ def test_no_cell_printed_a_warning_and_pages_say_that_the_belt_is_simulated(smok
         for output in (output for cell in cells for output in cell.get("outputs", [])):
             assert output.get("name") != "stderr", (path.stem, output["text"])
             text = "".join(output.get("data", {}).get("text/plain", ""))
-            assert not text.startswith(("[", "(", "<matplotlib", "Text(")), (path.stem, text)
+            assert not text.startswith(("[", "(", "<matplotlib", "Text(")), (
+                path.stem,
+                text,
+            )
             if "friction model" in json.dumps(output):
                 told.add(path.stem[:2])
     assert {"40", "41", "42", "43", "45"} <= told

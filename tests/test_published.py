@@ -1,4 +1,6 @@
-"""What stands in figures/ and README.md is of one cast (make check; not part of make test)."""
+"""What stands in figures/ and README.md is of one cast (make check; not part of make
+test).
+"""
 
 import re
 import runpy
@@ -41,12 +43,17 @@ def test_the_folder_holds_what_its_index_lists(published, entries):
     pictures = {name for name, entry in entries.items() if entry["kind"] == "picture"}
     assert {path.stem for path in published.glob("*.csv")} == set(entries)
     assert {path.stem for path in published.glob("*.png")} == pictures
-    assert max(path.stat().st_size for path in published.glob("*.png")) <= figures.LARGEST_PNG
+    assert (
+        max(path.stat().st_size for path in published.glob("*.png"))
+        <= figures.LARGEST_PNG
+    )
 
 
 def test_captions_are_short(entries):
     assert {
-        name: len(each["caption"]) for name, each in entries.items() if len(each["caption"]) > 350
+        name: len(each["caption"])
+        for name, each in entries.items()
+        if len(each["caption"]) > 350
     } == {}
 
 
@@ -58,14 +65,19 @@ def test_every_picture_says_inside_what_its_data_are(entries):
 
 def test_no_table_holds_an_impossible_number(published):
     found = {
-        path.name: impossible(pd.read_csv(path), path.stem) for path in published.glob("*.csv")
+        path.name: impossible(pd.read_csv(path), path.stem)
+        for path in published.glob("*.csv")
     }
     assert {name: wrong for name, wrong in found.items() if wrong} == {}
 
 
 def test_every_saved_table_of_the_thesis_has_published_values_beside_ours(published):
-    # Table 5.4 lists what is used, as printed; Table 5.7 names the print in its own words.
-    printed = {"table-5-4-parameters": "window", "table-5-7-sift-time": "computation_time_s"}
+    # Table 5.4 lists what is used, as printed; Table 5.7 names the print in its own
+    # words.
+    printed = {
+        "table-5-4-parameters": "window",
+        "table-5-7-sift-time": "computation_time_s",
+    }
     for path in sorted(published.glob("table-[0-9]-*.csv")):
         columns = list(pd.read_csv(path))
         if path.stem == "table-5-2-ground-truth":  # rows
@@ -73,14 +85,18 @@ def test_every_saved_table_of_the_thesis_has_published_values_beside_ours(publis
         elif path.stem in printed:
             assert printed[path.stem] in columns
         else:
-            assert any("published" in name or name == "printed" for name in columns), path.name
+            assert any("published" in name or name == "printed" for name in columns), (
+                path.name
+            )
 
 
 def test_the_claims_are_those_of_the_notebooks(published):
     shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(shown, verdicts.collect(), check_dtype=False)
     failed = shown[shown["verdict"] == claims.NOT_REPRODUCED]
-    assert set(failed["because"]) <= set(claims.CAUSES), "fill cause in data/reference/claims.csv"
+    assert set(failed["because"]) <= set(claims.CAUSES), (
+        "fill cause in data/reference/claims.csv"
+    )
 
 
 def test_every_verdict_that_turned_is_one_that_its_choice_names(published):
@@ -92,18 +108,26 @@ def test_every_verdict_that_turned_is_one_that_its_choice_names(published):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_the_one_number_of_a_notebook_stands_in_its_tables(path, published, entries):
-    found = re.search(r"^# \*\*One number\.\*\* (.*?)\n(?:#\n|\n)", path.read_text(), re.M | re.S)
+    found = re.search(
+        r"^# \*\*One number\.\*\* (.*?)\n(?:#\n|\n)", path.read_text(), re.M | re.S
+    )
     line = found[1].replace("\n# ", " ")
     if "no number" in line:
         return
     given = re.search(r" printed, (-?\d+(?:\.(\d+))?)( %)?[^,]* here\.", line)
     assert given, line
     value, half = float(given[1]), 0.5 * 10.0 ** -len(given[2] or "") + 1e-9
-    own = [name for name, each in entries.items() if each["provenance"]["notebook"] == path.stem]
+    own = [
+        name
+        for name, each in entries.items()
+        if each["provenance"]["notebook"] == path.stem
+    ]
     cells = " ".join((published / f"{name}.csv").read_text() for name in own)
     numbers = [float(each) for each in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", cells)]
     scales = (1.0, 100.0) if given[3] else (1.0,)
-    assert any(abs(scale * each - value) <= half for each in numbers for scale in scales), line
+    assert any(
+        abs(scale * each - value) <= half for each in numbers for scale in scales
+    ), line
 
 
 def test_readme_and_gallery_show_the_results(published):
@@ -116,5 +140,7 @@ def test_readme_and_gallery_show_the_results(published):
 
 def test_the_belt_results_are_those_on_the_authors_data(published):
     table = pd.read_csv(published / "belt-arrival.csv")
-    hint = "run make full where the authors' data are (make data, or KILNFLIGHT_EXTERNAL)"
+    hint = (
+        "run make full where the authors' data are (make data, or KILNFLIGHT_EXTERNAL)"
+    )
     assert "authors-dem" in set(table["source"]), hint

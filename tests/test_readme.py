@@ -1,4 +1,6 @@
-"""README.md and docs: the example uses names that exist, links lead somewhere, it stays short."""
+"""README.md and docs: the example uses names that exist, links lead somewhere, it stays
+short.
+"""
 
 import ast
 import gc
@@ -37,8 +39,12 @@ def test_the_example_imports_and_calls_what_is_there():
 
 @pytest.fixture
 def film(tmp_path, monkeypatch):
-    """Write a film of three spots that cross 12 frames, as one TIFF and as files, and be there."""
-    frames, _ = films.film(frames=12, cells=(1, 3), pitch=30, drift=(0.0, 1.0), dtype=np.uint16)
+    """Write a film of three spots that cross 12 frames, as one TIFF and as files, and
+    be there.
+    """
+    frames, _ = films.film(
+        frames=12, cells=(1, 3), pitch=30, drift=(0.0, 1.0), dtype=np.uint16
+    )
     monkeypatch.chdir(tmp_path)
     tifffile.imwrite("film.tif", frames, photometric="minisblack")
     for t, frame in enumerate(frames):
@@ -59,16 +65,29 @@ def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
     assert names["score"].alpha == names["scores"][0].f1 == 1
     commands = re.findall(r"^[ `]*\.venv/bin/kilnflight ([^`#\n]+)", text, re.MULTILINE)
     steps = [shlex.split(command) for command in commands if "ADDRESS" not in command]
-    assert [step[0] for step in steps] == ["preview", "run", "track", "import", "info", "run"]
+    assert [step[0] for step in steps] == [
+        "preview",
+        "run",
+        "track",
+        "import",
+        "info",
+        "run",
+    ]
     assert not any(main(step) for step in steps)
-    assert all(Path(name).is_file() for name in ("results/tracks.png", "chips/tracks.csv"))
+    assert all(
+        Path(name).is_file() for name in ("results/tracks.png", "chips/tracks.csv")
+    )
     assert pd.read_csv("tracks.csv", skiprows=[1, 2, 3])["TRACK_ID"].max() == 2
 
 
 def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
     frame = np.tile(np.arange(5, 30), 40)
     start = np.repeat(np.random.default_rng(0).uniform(400, 550, 40), 25)
-    columns = {"frame": frame, "particle": np.repeat(np.arange(40), 25), "time_s": 0.005 * frame}
+    columns = {
+        "frame": frame,
+        "particle": np.repeat(np.arange(40), 25),
+        "time_s": 0.005 * frame,
+    }
     columns |= {"x": start + 6.0 * frame, "y": np.repeat(np.linspace(5, 175, 40), 25)}
     np.save(
         tmp_path / "belt.npy",

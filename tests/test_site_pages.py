@@ -1,4 +1,6 @@
-"""The built site: in headless Chromium without a network, at two widths, and link by link."""
+"""The built site: in headless Chromium without a network, at two widths, and link by
+link.
+"""
 
 import re
 import shutil
@@ -29,7 +31,9 @@ DOLLARS = """() => {
     return document.body.innerText.includes('$');
 }"""
 MACHINE = re.compile(r"(?<![\w.])/(?:tmp|home|root|usr)/.{0,60}|site-packages")
-OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
+OVERFLOW = (
+    "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
+)
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]
     .filter(part => part.getBoundingClientRect().right > innerWidth + 1)
     .slice(0, 3).map(part => part.tagName + '.' + part.className)"""
@@ -62,7 +66,9 @@ def parsed(site):
 def test_every_link_of_every_page_resolves(site, parsed):
     assert site / "index.html" in parsed
     wrong = []
-    for page, link in [(page, link) for page, each in parsed.items() for link in each.targets]:
+    for page, link in [
+        (page, link) for page, each in parsed.items() for link in each.targets
+    ]:
         parts = urlsplit(link)
         path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
         if parts.scheme:
@@ -79,7 +85,9 @@ def test_methods_lead_to_the_code(site):
     asked = (PROJECT / "docs" / "methods.md").read_text().count("{py:obj}")
     assert asked == methods.count("xref py py-obj")
     assert asked == len(
-        re.findall(r'href="[^"]*#(?:module-)?kilnflight[^"]*"[^>]*><code class="xref', methods)
+        re.findall(
+            r'href="[^"]*#(?:module-)?kilnflight[^"]*"[^>]*><code class="xref', methods
+        )
     )
 
 
@@ -97,7 +105,9 @@ def browser():
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as run:
-        opened = run.chromium.launch(executable_path=browser_file, args=["--no-sandbox"])
+        opened = run.chromium.launch(
+            executable_path=browser_file, args=["--no-sandbox"]
+        )
         context = opened.new_context(offline=True)
         context.set_default_timeout(180_000)  # no test asserts a time
         yield context
@@ -106,9 +116,11 @@ def browser():
 
 @pytest.fixture(scope="module")
 def visits(site, parsed, browser):
-    """What a browser found on most pages, opened one after the other in one tab (it is faster).
+    """What a browser found on most pages, opened one after the other in one tab (it is
+    faster).
 
-    Of the API, which one template makes, the longest three and those with formulas are opened.
+    Of the API, which one template makes, the longest three and those with formulas are
+    opened.
     """
     page, requests, problems = browser.new_page(), [], []
     api = sorted((site / "api").glob("*.html"), key=lambda path: path.stat().st_size)
@@ -143,7 +155,9 @@ def look(page, path):
 
 
 @pytest.mark.parametrize("what", ["problems", "unset", "too_wide", "unnamed"])
-def test_pages_are_whole_and_set_and_fit_the_screen_and_pictures_have_words(visits, what):
+def test_pages_are_whole_and_set_and_fit_the_screen_and_pictures_have_words(
+    visits, what
+):
     assert {name: visit[what] for name, visit in visits.items() if visit[what]} == {}
     assert any(visit["formulas"] for visit in visits.values())
 
@@ -160,12 +174,20 @@ def test_pages_are_light_and_nothing_leaves_the_disk(visits):
 @pytest.mark.parametrize("number", ["5.19", "Table 5.17"])
 def test_the_search_finds_a_number_and_reads_no_other_page(site, browser, number):
     page, problems = browser.new_page(), []
-    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
+    page.on(
+        "console",
+        lambda said: problems.append(said.text) if said.type == "error" else None,
+    )
     page.goto(f"{(site / 'search.html').as_uri()}?q={number.replace(' ', '+')}")
     first = page.locator("ul.search li a").first
     first.wait_for()
     first.click()
     assert page.url.split("#")[0].endswith("numbers.html")
     place = page.locator(f"[id='{page.url.partition('#')[2]}']")
-    assert number in place.locator("xpath=ancestor-or-self::section[1]").locator("h3").inner_text()
+    assert (
+        number
+        in place.locator("xpath=ancestor-or-self::section[1]")
+        .locator("h3")
+        .inner_text()
+    )
     assert problems == []

@@ -1,7 +1,7 @@
 """Twenty frames of the small twin through all steps: the tables are those of before.
 
-To renew the stored tables after a change that is meant to move numbers, run this file with
-KILNFLIGHT_RENEW=1 and say in the commit which numbers moved and why.
+To renew the stored tables after a change that is meant to move numbers, run this file
+with KILNFLIGHT_RENEW=1 and say in the commit which numbers moved and why.
 """
 
 import os
@@ -21,9 +21,15 @@ from kilnflight.tracklets import Cutting
 
 STORED = Path(__file__).with_name("snapshot.parquet")
 TABLES = ("detections", *chain.CHAIN_STEPS)
-# The start t0 is found to 1e-8 s only. The times and velocities made of it are as exact; the
-# polynomials are of the time since t0, and errors grow with the power.
-TOLERANCE = {"t0": 1e-7, "end_": 1e-7, "dwell": 1e-6, "velocity": 1e-6, "ignition_s": 1e-6}
+# The start t0 is found to 1e-8 s only. The times and velocities made of it are as
+# exact; the polynomials are of the time since t0, and errors grow with the power.
+TOLERANCE = {
+    "t0": 1e-7,
+    "end_": 1e-7,
+    "dwell": 1e-6,
+    "velocity": 1e-6,
+    "ignition_s": 1e-6,
+}
 TOLERANCE |= {"coefficient": 1e-4, "rmse": 1e-6, "mape": 1e-6, "r2": 1e-6, "wall": 1e-6}
 
 
@@ -54,5 +60,9 @@ def test_a_table_is_that_of_before(made, name):
         if table[column].dtype.kind != "f":
             np.testing.assert_array_equal(table[column], before, column)
         else:
-            rtol = next((r for part, r in TOLERANCE.items() if column.startswith(part)), 1e-9)
-            np.testing.assert_allclose(table[column], before, rtol, 1e-12, err_msg=column)
+            rtol = next(
+                (r for part, r in TOLERANCE.items() if column.startswith(part)), 1e-9
+            )
+            np.testing.assert_allclose(
+                table[column], before, rtol, 1e-12, err_msg=column
+            )

@@ -1,9 +1,10 @@
 """Calibration of the plenoptic camera's depth.
 
-The plenoptic camera reports a captured depth. A test plate at 1, 2, ..., 11 m showed that
-it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
-depth with one quadratic per range (section 2.1.5, thesis). It is that camera's: a recording
-says which calibration its depths need, and none is applied unasked. Depths are in mm.
+The plenoptic camera reports a captured depth. A test plate at 1, 2, ..., 11 m showed
+that it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured
+to true depth with one quadratic per range (section 2.1.5, thesis). It is that camera's:
+a recording says which calibration its depths need, and none is applied unasked. Depths
+are in mm.
 """
 
 from __future__ import annotations
@@ -27,12 +28,13 @@ class DepthCalibration:
     Parameters
     ----------
     breakpoints_mm
-        Captured depths at which the segment changes, ascending; one fewer than segments.
+        Captured depths at which the segment changes, ascending; one fewer than
+        segments.
     coefficients
         Per segment, of mm to mm, highest power first (as `numpy.polyval` takes them).
     closed_left
-        Per breakpoint: whether the breakpoint itself belongs to the segment above it; empty: all
-        do. Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
+        Per breakpoint: whether the breakpoint itself belongs to the segment above it;
+        empty: all do. Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
     """
 
     breakpoints_mm: tuple[float, ...]
@@ -40,14 +42,20 @@ class DepthCalibration:
     closed_left: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        check_finite(np.concatenate([self.breakpoints_mm, *self.coefficients]), "depth calibration")
+        check_finite(
+            np.concatenate([self.breakpoints_mm, *self.coefficients]),
+            "depth calibration",
+        )
         ascending = all(low < high for low, high in pairwise(self.breakpoints_mm))
         if not ascending or len(self.coefficients) != len(self.breakpoints_mm) + 1:
-            raise InputError("depth calibration: breakpoints ascend, one fewer than polynomials.")
+            raise InputError(
+                "depth calibration: breakpoints ascend, one fewer than polynomials."
+            )
 
     @classmethod
     def from_table(cls, pairs: npt.ArrayLike) -> Self:
-        """Return straight lines between measured depths, extended beyond the outer ones.
+        """Return straight lines between measured depths, extended beyond the outer
+        ones.
 
         Parameters
         ----------
@@ -57,13 +65,16 @@ class DepthCalibration:
         Raises
         ------
         InputError
-            If there are fewer than two, or the true depth does not increase with the captured one.
+            If there are fewer than two, or the true depth does not increase with the
+            captured one.
         """
         table = check_finite(pairs, "depth table", (None, 2))
         table = table[np.argsort(table[:, 0], kind="stable")]
         steps = np.diff(table, axis=0)
         if len(steps) < 1 or (steps <= 0).any():
-            raise InputError("depth table: two or more pairs (captured, true), both ascending.")
+            raise InputError(
+                "depth table: two or more pairs (captured, true), both ascending."
+            )
         slopes = steps[:, 1] / steps[:, 0]
         lines = np.column_stack([slopes, table[:-1, 1] - slopes * table[:-1, 0]])
         return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
@@ -95,9 +106,9 @@ class DepthCalibration:
     def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
         """Return the captured depths in mm at which the calibrated depth falls, (n,).
 
-        They lie between ``low_mm`` and ``high_mm``, on a grid of ``step_mm``. A calibration that
-        falls gives two particles in the wrong order of depth. Jumps between segments are left to
-        `jumps`.
+        They lie between ``low_mm`` and ``high_mm``, on a grid of ``step_mm``. A
+        calibration that falls gives two particles in the wrong order of depth. Jumps
+        between segments are left to `jumps`.
         """
         depth = np.arange(low_mm, high_mm, step_mm)
         slopes = tuple(tuple(np.polyder(np.array(c))) for c in self.coefficients)
@@ -127,9 +138,10 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
     Parameters
     ----------
     stated
-        None or ``"none"``: depths are true as they are. ``"zhang-2023"``: Eq. 2.4. Pairs of
-        captured and true depth, in mm: see `DepthCalibration.from_table`. A mapping with
-        ``breakpoints_mm`` and ``coefficients``: the fields of `DepthCalibration`.
+        None or ``"none"``: depths are true as they are. ``"zhang-2023"``: Eq. 2.4.
+        Pairs of captured and true depth, in mm: see `DepthCalibration.from_table`. A
+        mapping with ``breakpoints_mm`` and ``coefficients``: the fields of
+        `DepthCalibration`.
 
     Raises
     ------
@@ -143,7 +155,8 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
     if isinstance(stated, list | tuple):
         return DepthCalibration.from_table(stated)
     try:
-        breakpoints, rows = stated["breakpoints_mm"], stated["coefficients"]
+        breakpoints = stated["breakpoints_mm"]
+        rows = stated["coefficients"]
         closed = tuple(map(bool, stated.get("closed_left", ())))
         return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
     except (TypeError, KeyError, AttributeError):
@@ -179,11 +192,13 @@ def calibrate_depth(z: npt.ArrayLike) -> Array:
     return EQUATION_2_4(z)
 
 
-def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4) -> list[float]:
+def captured_depths(
+    true_mm: float, calibration: DepthCalibration = EQUATION_2_4
+) -> list[float]:
     """Return all captured depths of a true depth, both in mm, ascending.
 
-    The list is empty if there is none. Eq. 2.4 is not one to one: a true depth of 3 m is reached
-    from 2065 and 3118 mm.
+    The list is empty if there is none. Eq. 2.4 is not one to one: a true depth of 3 m
+    is reached from 2065 and 3118 mm.
     """
     found: list[float] = []
     for index, coefficients in enumerate(calibration.coefficients):
@@ -193,11 +208,13 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
     return sorted(found)
 
 
-def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4) -> Array:
+def invert_depth(
+    true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4
+) -> Array:
     """Return the captured depth of each true depth in mm, in the same shape.
 
-    Of several solutions it is the one nearest to the true depth, as in section 2.1.5 ("the median
-    depth from 3 m to 5 m is very close to the actual value").
+    Of several solutions it is the one nearest to the true depth, as in section 2.1.5
+    ("the median depth from 3 m to 5 m is very close to the actual value").
 
     Raises
     ------
@@ -228,8 +245,8 @@ def fit_depth_segments(
     captured_mm, true_mm
         Captured depth of plate points and the distance of their plate, (n,) each.
     continuous
-        Whether neighbours must agree at the breakpoints. If not, the result may jump there, as
-        Eq. 2.4 does by -356 mm at 3000 mm.
+        Whether neighbours must agree at the breakpoints. If not, the result may jump
+        there, as Eq. 2.4 does by -356 mm at 3000 mm.
 
     Returns
     -------
@@ -239,14 +256,17 @@ def fit_depth_segments(
     Raises
     ------
     InputError
-        If the arrays differ in shape or the points do not determine the coefficients. Each
-        segment needs three different captured depths, fewer with ``continuous``.
+        If the arrays differ in shape or the points do not determine the coefficients.
+        Each segment needs three different captured depths, fewer with ``continuous``.
     """
     captured = check_finite(captured_mm, "captured depth")
     true = check_finite(true_mm, "true depth", captured.shape).ravel()
     captured = captured.ravel()
-    breakpoints, segments, size = EQUATION_2_4.breakpoints_mm, 3, 3
-    # per point one column of powers for each segment; metres, so that powers stay of one size
+    breakpoints = EQUATION_2_4.breakpoints_mm
+    segments = 3
+    size = 3
+    # per point one column of powers for each segment; metres, so that powers stay of
+    # one size
     segment = DepthCalibration(breakpoints, ((0.0,),) * segments).segment(captured)
     member = segment[:, None] == np.arange(segments)
     powers = np.vander(captured / 1000.0, size)
@@ -255,16 +275,22 @@ def fit_depth_segments(
     if continuous:  # neighbours agree at the breakpoint between them
         borders = np.vander(np.array(breakpoints) / 1000.0, size)
         sides = np.eye(segments)[:-1] - np.eye(segments)[1:]
-        basis = null_space((sides[:, :, None] * borders[:, None]).reshape(len(borders), -1))
+        basis = null_space(
+            (sides[:, :, None] * borders[:, None]).reshape(len(borders), -1)
+        )
     solution, _, rank, _ = np.linalg.lstsq(design @ basis, true, rcond=None)
     if rank < basis.shape[1]:
         raise InputError("captured depth: too few different depths in a segment.")
-    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(size - 1, -1, -1)
+    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(
+        size - 1, -1, -1
+    )
     return DepthCalibration(breakpoints, tuple(tuple(row) for row in fitted.tolist()))
 
 
 def calibrate_points(
-    captured_mm: npt.ArrayLike, calibration: DepthCalibration | None, where: str = "captured points"
+    captured_mm: npt.ArrayLike,
+    calibration: DepthCalibration | None,
+    where: str = "captured points",
 ) -> Array:
     """Return points (n, 3) x, y, z with their true depth, in mm.
 
@@ -273,8 +299,8 @@ def calibrate_points(
     captured_mm
         (n, 3) x, y, z in camera coordinates as captured.
     calibration
-        That of the recording's camera (`Attributes.depth_calibration`); None: depths are
-        true as captured.
+        That of the recording's camera (`Attributes.depth_calibration`); None: depths
+        are true as captured.
     where
         Begins the message of an error.
 
@@ -285,19 +311,23 @@ def calibrate_points(
 
     Notes
     -----
-    The thesis calibrates depth and does not say what becomes of x and y. A point belongs to
-    a pixel, so it stays on that pixel's ray: x and y change in proportion to z.
+    The thesis calibrates depth and does not say what becomes of x and y. A point
+    belongs to a pixel, so it stays on that pixel's ray: x and y change in proportion to
+    z.
     """
     points = check_finite(captured_mm, where, (None, 3))
     depth = points[:, 2].copy()  # along narrow rows numpy is slow
     if not (depth > 0).all():
-        raise InputError(f"{where}: point {np.argmin(depth)} has depth {depth.min():g} mm.")
+        raise InputError(
+            f"{where}: point {np.argmin(depth)} has depth {depth.min():g} mm."
+        )
     if calibration is None:
         return points
     true = calibration(depth)
     if not (true > 0).all():
         raise InputError(
             f"{where}: the recording's depth calibration makes {true.min():.0f} mm of "
-            f"{depth[true.argmin()]:.0f} mm. Each camera has its own: state the one of this camera."
+            f"{depth[true.argmin()]:.0f} mm. Each camera has its own: state the one of "
+            "this camera."
         )
     return points * (true / depth)[:, None]

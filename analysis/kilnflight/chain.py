@@ -2,10 +2,10 @@
 
 frame -> view -> detections -> tracks -> trajectories -> flights, slices
 
-Each arrow after the view is a table that is made once. Detection takes nearly all of the time;
-processes or a cluster share it by chunks of frames. A killed run continues with the first missing
-table. Tracks are made without the texture term of Eq. 4.24: it needs the frame differences, some
-3 MB a frame.
+Each arrow after the view is a table that is made once. Detection takes nearly all of
+the time; processes or a cluster share it by chunks of frames. A killed run continues
+with the first missing table. Tracks are made without the texture term of Eq. 4.24: it
+needs the frame differences, some 3 MB a frame.
 """
 
 from __future__ import annotations
@@ -40,33 +40,56 @@ from kilnflight.tracking.tracker import Management, track
 from kilnflight.tracklets import Cutting, postprocess, tracked
 
 CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
-CHAIN_STEPS = ("tracks", "trajectories", "flights", "slices")  # tables after the detections
-TRACKED_BY = ("wall", "in_air", "tracker", "motion", "management", "post_processing", "cutting")
+CHAIN_STEPS = (
+    "tracks",
+    "trajectories",
+    "flights",
+    "slices",
+)  # tables after the detections
+TRACKED_BY = (
+    "wall",
+    "in_air",
+    "tracker",
+    "motion",
+    "management",
+    "post_processing",
+    "cutting",
+)
 Vector = tuple[float, float, float]  # x, y, z in mm
 
 
 def views(
-    recording: Recording, frames: Iterable[int], background: BackgroundModel | None = None
+    recording: Recording,
+    frames: Iterable[int],
+    background: BackgroundModel | None = None,
 ) -> Iterator[tuple[int, View]]:
     """Yield the number and the view, without the flame, of each of ``frames``.
 
-    The default background is the temporal median over 150 frames (section 5.1.2). Depths are
-    calibrated as the recording states. The first frame is compared with the one after it, as no
-    frame precedes it.
+    The default background is the temporal median over 150 frames (section 5.1.2).
+    Depths are calibrated as the recording states. The first frame is compared with the
+    one after it, as no frame precedes it.
     """
-    frames, attributes, smooth = list(frames), recording.attributes, Smoother()
+    frames = list(frames)
+    attributes = recording.attributes
+    smooth = Smoother()
     before = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
     buffer = FrameBuffer(recording, [*frames, *before])
     foregrounds = (background or Median())(buffer, frames)
     for t, beside, foreground in zip(frames, before, foregrounds, strict=True):
-        previous, frame = buffer.take(beside).gray, buffer.take(t)
-        pixels, xyz = frame.pixels, calibrate_points(frame.xyz, attributes.depth_calibration)
+        previous = buffer.take(beside).gray
+        frame = buffer.take(t)
+        pixels = frame.pixels
+        xyz = calibrate_points(frame.xyz, attributes.depth_calibration)
         if attributes.flame_roi is not None:
             flame = flame_mask(frame.gray, attributes.flame_roi)
             foreground[flame] = 0  # in place: each model returns a new array
             keep = ~flame.take(pixels[:, 0] * flame.shape[1] + pixels[:, 1])
-            pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
-        yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth, frame.index)
+            pixels = pixels.compress(keep, axis=0)
+            xyz = xyz.compress(keep, axis=0)
+        yield (
+            t,
+            View(frame.gray, previous, foreground, pixels, xyz, smooth, frame.index),
+        )
 
 
 def detect_frames(
@@ -85,7 +108,8 @@ def detect_frames(
     frames
         Frame numbers from 0.
     detector, background
-        Combined detector and background model; None: the defaults, `Combination` and `Median`.
+        Combined detector and background model; None: the defaults, `Combination` and
+        `Median`.
     progress
         Whether to show a progress bar.
 
@@ -94,9 +118,12 @@ def detect_frames(
     DataFrame
         `kilnflight.tables.DETECTIONS`.
     """
-    detector, roi = detector or Combination(), recording.attributes.roi
+    detector = detector or Combination()
+    roi = recording.attributes.roi
     seen = views(recording, frames, background)
-    bar = tqdm(seen, total=len(frames), unit="frame", disable=None if progress else True)
+    bar = tqdm(
+        seen, total=len(frames), unit="frame", disable=None if progress else True
+    )
     first = recording.frame(0).index  # a gap in the numbers is a gap in time
     parts = [detector(view, roi, frame=view.number - first) for _, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
@@ -133,17 +160,23 @@ class DetectionRun:
         """Frames of each table: ranges cut at multiples of ``chunk``."""
         first = self.start // self.chunk * self.chunk
         ends = range(first, self.stop, self.chunk)
-        pieces = [range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends]
+        pieces = [
+            range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends
+        ]
         return [piece for piece in pieces if piece]
 
     def table(self, frames: range) -> CachedTable:
         """Return the table of a chunk's detections."""
         names = ("source", "detector", "background")
         depends_on = {name: getattr(self, name) for name in names} | {"frames": frames}
-        return CachedTable("detections", partial(self._detect, frames), depends_on, self.folder)
+        return CachedTable(
+            "detections", partial(self._detect, frames), depends_on, self.folder
+        )
 
     def _detect(self, frames: range) -> pd.DataFrame:
-        return detect_frames(self.source.recording(), frames, self.detector, self.background)
+        return detect_frames(
+            self.source.recording(), frames, self.detector, self.background
+        )
 
     def detections(self) -> pd.DataFrame:
         """Return all detections (`DETECTIONS`); this process makes missing tables."""
@@ -168,7 +201,8 @@ class Chain:
     in_air
         Selects the detections in the air.
     tracker, motion, management, cutting, regression
-        Parameters of tracking, of splitting tracks at impossible steps, and of the fits.
+        Parameters of tracking, of splitting tracks at impossible steps, and of the
+        fits.
     post_processing
         Whether tracklets are joined and filtered (chapter 4.2), and split.
     rules
@@ -216,24 +250,30 @@ class Chain:
 
     @cached("detected", *TRACKED_BY)
     def tracks(self) -> pd.DataFrame:
-        """Post-processed tracks of the detections in the air, split at impossible steps.
+        """Post-processed tracks of the detections in the air, split at impossible
+        steps.
 
-        The table is that of the detections that are not on the wall, and ``particle``: the track
-        (-1: none).
+        The table is that of the detections that are not on the wall, and ``particle``:
+        the track (-1: none).
         """
         table = self.detection.detections()
         if self.wall is not None:
             on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
             table = table[~on_wall].reset_index(drop=True)
         done = track(table, self.tracker, self.motion, management=self.management)
-        return self.cutting(postprocess(done), self.frame_rate_hz) if self.post_processing else done
+        return (
+            self.cutting(postprocess(done), self.frame_rate_hz)
+            if self.post_processing
+            else done
+        )
 
     @cached("tracks", "exit_point_mm", "regression")
     def trajectories(self) -> pd.DataFrame:
         """Fitted trajectories (`TRAJECTORIES`); none without the lance's outlet."""
         if self.exit_point_mm is None:
             return TRAJECTORIES.empty()
-        tracks, rate = tracked(self.tracks()), self.frame_rate_hz
+        tracks = tracked(self.tracks())
+        rate = self.frame_rate_hz
         return regression.regress_all(tracks, self.exit_point_mm, rate, self.regression)
 
     @cached("tracks", "trajectories", "rules")
@@ -248,12 +288,15 @@ class Chain:
 
 
 def make_tables(
-    runs: Sequence[Chain], workers: Workers | int | None = None, steps: Sequence[str] = CHAIN_STEPS
+    runs: Sequence[Chain],
+    workers: Workers | int | None = None,
+    steps: Sequence[str] = CHAIN_STEPS,
 ) -> None:
-    """Make all missing tables, or those up to ``steps``, with progress; one process by default.
+    """Make all missing tables, or those up to ``steps``, with progress; one process by
+    default.
 
-    Workers of a cluster only detect. The later steps take ``workers.jobs`` processes on this
-    machine, one per recording.
+    Workers of a cluster only detect. The later steps take ``workers.jobs`` processes on
+    this machine, one per recording.
 
     Raises
     ------
@@ -261,7 +304,9 @@ def make_tables(
         If something cannot be read or written, or a worker writes to another folder.
     """
     workers = Workers(workers) if isinstance(workers, int) else workers or Workers()
-    chunks = [(run, frames, len(frames)) for run in runs for frames in run.detection.chunks]
+    chunks = [
+        (run, frames, len(frames)) for run in runs for frames in run.detection.chunks
+    ]
     _make_missing(chunks, workers, "detection")
     for step in steps:
         pieces = [(run, step, len(run.frames)) for run in runs]
@@ -281,21 +326,25 @@ def _make_missing(
     before = sum(size for *_, size in wanted) - sum(lengths)
     workers(_make_table, [each[:3] for each in missing], lengths, label, before)
     for lost in [path for *_, path, _ in missing if not path.is_file()][:1]:
-        elsewhere = "was made by a worker elsewhere. Give workers the same folder by the same name"
+        elsewhere = (
+            "was made by a worker elsewhere. Give workers the same folder by the "
+            "same name"
+        )
         raise InputError(f"{lost}: {elsewhere}.")
 
 
 def _make_table(piece: tuple[Chain, range | str, Path]) -> None:
     """Make the table of a run's chunk or step, in a worker.
 
-    Last in ``piece`` is the file that the caller expects; another one is an `InputError`.
+    Last in ``piece`` is the file that the caller expects; another one is an
+    `InputError`.
     """
     run, what, expected = piece
     table = run.table(what)
     if table.path != expected:
         raise InputError(
-            f"{expected.name}: this worker has another version of kilnflight than the caller "
-            f"({table.path.name}). Install the same one."
+            f"{expected.name}: this worker has another version of kilnflight than the "
+            f"caller ({table.path.name}). Install the same one."
         )
     table()
 
@@ -305,24 +354,33 @@ def flights_from(
 ) -> pd.DataFrame:
     """Return the flights of ``tracks``; none without a wall.
 
-    They are `kilnflight.tables.FLIGHTS`. ``fits`` are the trajectories by particle. Studies call it
-    with other fits than the run's.
+    They are `kilnflight.tables.FLIGHTS`. ``fits`` are the trajectories by particle.
+    Studies call it with other fits than the run's.
     """
     if run.wall is None:
         return FLIGHTS.empty()
-    recording, table = run.detection.source.recording(), tracked(tracks)
-    table = table.assign(background=background_gray(table, run.detection.source, run.frames))
+    recording = run.detection.source.recording()
+    table = tracked(tracks)
+    table = table.assign(
+        background=background_gray(table, run.detection.source, run.frames)
+    )
     first, last = (recording.frame(t).index for t in (0, run.frames[-1]))
     view = flight.FieldOfView(recording.attributes.roi, range(last - first + 1))
-    return flight.flights(table, fits, run.wall, run.in_air, run.frame_rate_hz, run.rules, view)
+    return flight.flights(
+        table, fits, run.wall, run.in_air, run.frame_rate_hz, run.rules, view
+    )
 
 
-def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
+def slices_from(
+    flights: pd.DataFrame, fits: Mapping[int, regression.Fit]
+) -> pd.DataFrame:
     """Return the space-sliced velocities of accepted flights from the lance.
 
-    It is `kilnflight.tables.SLICES`, in m/s. ``flights`` is `kilnflight.tables.FLIGHTS`, and
-    ``fits`` are the trajectories by particle.
+    It is `kilnflight.tables.SLICES`, in m/s. ``flights`` is
+    `kilnflight.tables.FLIGHTS`, and ``fits`` are the trajectories by particle.
     """
     counted = flight.kept(flights[flights["from_lance"]])
-    ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
+    ends = dict(
+        zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
+    )
     return flight.slices({particle: fits[particle] for particle in ends}, ends)

@@ -1,6 +1,7 @@
 """Ignition of a particle, by its grey values (section 5.3.2 of the thesis).
 
-grey values along a track -> above those behind -> best single step -> upwards? -> IgnitionResult
+grey values along a track -> above those behind -> best single step -> upwards? ->
+IgnitionResult
 
 The thesis prints no rule: `Ignition` is our test of its sentence.
 """
@@ -18,7 +19,9 @@ import scipy  # stats on first use: they take a quarter of a second
 from kilnflight.arrays import Array
 from kilnflight.checks import InputError, check_finite
 
-SEEN, NONE, TOO_FEW = "seen", "none", "too few points"
+SEEN = "seen"
+NONE = "none"
+TOO_FEW = "too few points"
 SIGNIFICANCE = 0.01  # of a track without a step; not printed
 LEAST_POINTS = 3  # on each side: the median of three ignores one flash
 RISE = 2.0  # standard deviations of the scatter; not printed
@@ -31,14 +34,15 @@ class IgnitionResult(NamedTuple):
     Attributes
     ----------
     outcome
-        "seen": a step was found; "none": no step; "too few points": even the clearest step could
-        be chance.
+        "seen": a step was found; "none": no step; "too few points": even the clearest
+        step could be chance.
     time_s
-        Midway between the last detection before the step and the first after it, on the clock
-        of the input; NaN unless "seen".
+        Midway between the last detection before the step and the first after it, on the
+        clock of the input; NaN unless "seen".
     before, after
-        Grey levels (medians) on both sides of the best step, equal without a step. They are
-        measured from the background where it is known, unless ``above_background`` is False.
+        Grey levels (medians) on both sides of the best step, equal without a step. They
+        are measured from the background where it is known, unless ``above_background``
+        is False.
     scatter
         Of the grey values about these levels, as a standard deviation.
     p_value
@@ -57,33 +61,38 @@ class IgnitionResult(NamedTuple):
 class Ignition:
     """Test for one step upwards in the grey values of a track, above those behind it.
 
-    "If the gray value increases abruptly, the particles can be assumed ignited" (section
-    5.3.2). The best step leaves the least sum of absolute deviations from the medians on both
-    sides, among all upward ones. It is an ignition if
+    "If the gray value increases abruptly, the particles can be assumed ignited"
+    (section 5.3.2). The best step leaves the least sum of absolute deviations from the
+    medians on both sides, among all upward ones. It is an ignition if
 
-    1. the rank sum of the values before it is too small for chance: exact Wilcoxon test,
-       times the number of places tested (Bonferroni), at most `SIGNIFICANCE`;
+    1. the rank sum of the values before it is too small for chance: exact Wilcoxon
+       test, times the number of places tested (Bonferroni), at most `SIGNIFICANCE`;
     2. it leaves less deviation than the straight line of Theil and Sen;
-    3. the levels are `RISE` standard deviations of the scatter about them apart, and `SHARE`
-       of the grey value before;
+    3. the levels are `RISE` standard deviations of the scatter about them apart, and
+       `SHARE` of the grey value before;
     4. where the background is known, the particle is brighter than it afterwards.
 
     Notes
     -----
-    The thesis prints no criterion; all of this is ours. Medians and ranks are robust against
-    single flashes, and a factor on the grey values changes nothing. Ties, as between saturated
-    values, count against the rise, which keeps the test valid. The test takes the values of a track
-    as exchangeable but for the step; 2 excludes slow changes. No track of fewer than 12 detections
-    can be judged. The grey value of a small particle contains much of the background. An unlit
-    particle that flies from a dark end plate to a hot wall brightens abruptly, too. Hence the rise
-    above the background, and 4; a slight rise near the wall is expressly no ignition (5.2.4). A
-    particle that is light from its first detection on has no step: its grey value does not rise.
+    The thesis prints no criterion; all of this is ours. Medians and ranks are robust
+    against single flashes, and a factor on the grey values changes nothing. Ties, as
+    between saturated values, count against the rise, which keeps the test valid. The
+    test takes the values of a track as exchangeable but for the step; 2 excludes slow
+    changes. No track of fewer than 12 detections can be judged. The grey value of a
+    small particle contains much of the background. An unlit particle that flies from a
+    dark end plate to a hot wall brightens abruptly, too. Hence the rise above the
+    background, and 4; a slight rise near the wall is expressly no ignition (5.2.4). A
+    particle that is light from its first detection on has no step: its grey value does
+    not rise.
     """
 
     above_background: bool = True  # False: the rise of the grey value itself
 
     def __call__(
-        self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike | None = None
+        self,
+        time_s: npt.ArrayLike,
+        gray: npt.ArrayLike,
+        background: npt.ArrayLike | None = None,
     ) -> IgnitionResult:
         """Return whether and when the grey values of one track rise.
 
@@ -94,8 +103,8 @@ class Ignition:
         gray
             (n,) grey values, not below 0.
         background
-            (n,) grey values of the background at the same positions; None: not known, so that the
-            rise is that of the grey value.
+            (n,) grey values of the background at the same positions; None: not known,
+            so that the rise is that of the grey value.
 
         Raises
         ------
@@ -104,18 +113,26 @@ class Ignition:
         """
         time, light = _course(time_s, gray)
         behind = None if background is None else _course(time_s, background)[1]
-        values = light if behind is None or not self.above_background else light - behind
+        values = (
+            light if behind is None or not self.above_background else light - behind
+        )
         searched = len(values) - 2 * LEAST_POINTS + 1  # splits
-        # The second: even the clearest step, p = splits / C(n, n // 2), could be chance.
-        if searched < 1 or searched > SIGNIFICANCE * math.comb(len(values), len(values) // 2):
+        # The second: even the clearest step, p = splits / C(n, n // 2), could be
+        # chance.
+        if searched < 1 or searched > SIGNIFICANCE * math.comb(
+            len(values), len(values) // 2
+        ):
             return IgnitionResult(TOO_FEW)
         split, deviation = best_step(values, LEAST_POINTS)
         level = float(np.median(values))
         if split < 0:
             return IgnitionResult(NONE, before=level, after=level)
-        before, after = float(np.median(values[:split])), float(np.median(values[split:]))
+        before = float(np.median(values[:split]))
+        after = float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
-        scatter = 1.4826 * float(np.median(np.abs(off)))  # standard deviation of a Gaussian
+        scatter = 1.4826 * float(
+            np.median(np.abs(off))
+        )  # standard deviation of a Gaussian
         p_value = min(1.0, searched * rank_sum_p(values[:split], values[split:]))
         is_step = (
             p_value <= SIGNIFICANCE
@@ -131,8 +148,9 @@ class Ignition:
 def best_step(values: Array, least: int) -> tuple[int, float]:
     """Return the best step upwards in grey values and the deviation that it leaves.
 
-    Best is the least sum of absolute deviations from the medians on both sides, among the splits
-    whose median is higher afterwards. Of splits equal within rounding it is the first.
+    Best is the least sum of absolute deviations from the medians on both sides, among
+    the splits whose median is higher afterwards. Of splits equal within rounding it is
+    the first.
 
     Parameters
     ----------
@@ -144,18 +162,20 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
     Returns
     -------
     split, deviation
-        Index of the first value after the step, and the sum in grey values; -1 and infinity where
-        no split goes upwards.
+        Index of the first value after the step, and the sum in grey values; -1 and
+        infinity where no split goes upwards.
     """
     count = len(values)
     median, spread = _growing(values)
     median_after, spread_after = (side[::-1] for side in _growing(values[::-1]))
     rounding = count * np.finfo(np.float64).eps * np.abs(values).sum()
-    split, deviation = -1, np.inf
+    split = -1
+    deviation = np.inf
     for k in range(least, count - least + 1):
         rest = float(spread[k - 1] + spread_after[k])
         if median_after[k] > median[k - 1] and rest < deviation - rounding:
-            split, deviation = k, rest
+            split = k
+            deviation = rest
     return split, deviation
 
 
@@ -174,13 +194,16 @@ def _growing(values: Array) -> tuple[Array, Array]:
 def rank_sum_p(before: Array, after: Array) -> float:
     """Return the p-value of a rise from ``before`` to ``after`` (Wilcoxon, one-sided).
 
-    Both are grey values, (k,) and (n - k,). Exact for n up to 200, the normal approximation above.
-    A tie counts as if the earlier value were the higher one, so the p-value is too large rather
-    than too small.
+    Both are grey values, (k,) and (n - k,). Exact for n up to 200, the normal
+    approximation above. A tie counts as if the earlier value were the higher one, so
+    the p-value is too large rather than too small.
     """
-    values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
+    values = np.append(before, after)
+    earlier = np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
-    method: Literal["exact", "asymptotic"] = "exact" if len(values) <= 200 else "asymptotic"
+    method: Literal["exact", "asymptotic"] = (
+        "exact" if len(values) <= 200 else "asymptotic"
+    )
     test = scipy.stats.mannwhitneyu(
         rank[earlier], rank[~earlier], alternative="less", method=method
     )
@@ -201,9 +224,15 @@ def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
     time = check_finite(time_s, "Ignition: time_s", (None,))
     values = check_finite(gray, "Ignition: gray", (None,))
     if len(time) != len(values):
-        raise InputError(f"Ignition: {len(time)} times in time_s, but {len(values)} grey values.")
+        raise InputError(
+            f"Ignition: {len(time)} times in time_s, but {len(values)} grey values."
+        )
     if (np.diff(time) <= 0).any():
-        raise InputError("Ignition: time_s must ascend; sort the track, one detection per frame.")
+        raise InputError(
+            "Ignition: time_s must ascend; sort the track, one detection per frame."
+        )
     if (values < 0).any():
-        raise InputError(f"Ignition: gray holds {values.min()}; pass the camera's values.")
+        raise InputError(
+            f"Ignition: gray holds {values.min()}; pass the camera's values."
+        )
     return time, values

@@ -16,12 +16,16 @@ from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
 from kilnflight.publication import claims
 
-every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+every_model = pytest.mark.parametrize(
+    "model", MODELS, ids=lambda model: type(model).__name__
+)
 WINDOWED = (Mean, Median, Adaptive)
 
 
 def noise(length, shape=(3, 4), dtype=np.uint16, top=65536):
-    return np.random.default_rng(length).integers(0, top, (length, *shape)).astype(dtype)
+    return (
+        np.random.default_rng(length).integers(0, top, (length, *shape)).astype(dtype)
+    )
 
 
 def test_the_defaults_are_those_of_table_5_4():
@@ -31,7 +35,9 @@ def test_the_defaults_are_those_of_table_5_4():
     names = ["2-frame difference", "3-frame difference", "Mean filter", "Median filter"]
     names += ["Adaptive background learning", "Running Gaussian average"]
     for model, name in zip(MODELS, names, strict=True):
-        assert [each for each in astuple(model) if not isinstance(each, bool)] == printed[name]
+        assert [
+            each for each in astuple(model) if not isinstance(each, bool)
+        ] == printed[name]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +73,10 @@ def test_mean_and_median_are_the_definition(window, length, seed, step, values):
     stack = noise(length, (3, 4), *values)
     indices = np.random.default_rng(seed).integers(0, length, 12)
     indices = range(indices[0], length, step)[:40] if step else indices.tolist()
-    means, medians = Mean(window).backgrounds(stack, indices), Median(window)(stack, indices)
+    means, medians = (
+        Mean(window).backgrounds(stack, indices),
+        Median(window)(stack, indices),
+    )
     for t, mean, foreground in zip(indices, means, medians, strict=True):
         np.testing.assert_allclose(mean, plain.mean(stack, t, window), rtol=1e-6)
         expected = np.maximum(stack[t] - plain.median(stack, t, window), 0)
@@ -85,7 +94,9 @@ def test_adaptive_is_its_equations(window, rate):
     stack, indices = noise(90), [0, 10, 45, 60]
     images = Adaptive(window, rate).backgrounds(stack, indices)
     for t, image in zip(indices, images, strict=True):
-        np.testing.assert_allclose(image, plain.adaptive(stack, t, window, rate), rtol=1e-6)
+        np.testing.assert_allclose(
+            image, plain.adaptive(stack, t, window, rate), rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +114,9 @@ def test_running_gaussian_is_its_equations(model):
 
 
 @every_model
-@pytest.mark.parametrize("gray", [np.uint16(0), np.uint16(65535), np.float32(1234.5678)])
+@pytest.mark.parametrize(
+    "gray", [np.uint16(0), np.uint16(65535), np.float32(1234.5678)]
+)
 def test_a_still_recording_has_no_foreground(model, gray):
     for length in (1, 2, 60, 200):
         stack = np.full((length, 2, 2), gray)
@@ -113,7 +126,10 @@ def test_a_still_recording_has_no_foreground(model, gray):
 @every_model
 def test_frames_are_read_once_and_only_where_needed(model):
     frames = MagicMock()
-    frames.__len__.return_value, frames.__getitem__.side_effect = 400, noise(400).__getitem__
+    frames.__len__.return_value, frames.__getitem__.side_effect = (
+        400,
+        noise(400).__getitem__,
+    )
     list(model(frames, range(180, 260)))
     read = sorted(call.args[0] for call in frames.__getitem__.call_args_list)
     assert read == list(range(read[0], read[-1] + 1))
@@ -138,8 +154,13 @@ def test_a_particle_appears_where_it_is_bright_or_dark(model):
 def test_the_foreground_is_the_difference_or_its_positive_part(kind, dtype):
     stack, indices = list(noise(90, top=200, dtype=dtype)), [0, 40, 41, 89]
     images = list(kind().backgrounds(stack, indices))
-    exact = [stack[t].astype(np.float64) - image for t, image in zip(indices, images, strict=True)]
-    np.testing.assert_allclose(list(kind()(stack, indices)), np.maximum(exact, 0), atol=1e-4)
+    exact = [
+        stack[t].astype(np.float64) - image
+        for t, image in zip(indices, images, strict=True)
+    ]
+    np.testing.assert_allclose(
+        list(kind()(stack, indices)), np.maximum(exact, 0), atol=1e-4
+    )
     absolute = list(kind(absolute=True)(stack, indices))
     np.testing.assert_allclose(absolute, np.abs(exact), atol=1e-4)
 
@@ -151,7 +172,9 @@ def test_frames_of_another_shape_are_refused():
 
 def test_surroundings_keep_what_rests_and_take_slow_changes_away():
     row, col = np.mgrid[:120, :160]
-    image = (1000 + 2 * col + 300 * (np.hypot(row - 60, col - 80) < 3)).astype(np.uint16)
+    image = (1000 + 2 * col + 300 * (np.hypot(row - 60, col - 80) < 3)).astype(
+        np.uint16
+    )
     (found,) = Surroundings()(np.stack([image] * 3), [1])
     assert found[60, 80] > 280
     assert found[30:50, 30:130].max() < 5

@@ -1,4 +1,6 @@
-"""Corners found in pictures of a belt whose corners are known, and the mapping from them."""
+"""Corners found in pictures of a belt whose corners are known, and the mapping from
+them.
+"""
 
 import cv2
 import numpy as np
@@ -44,7 +46,9 @@ def test_the_mapping_takes_pixels_to_the_belt_and_back():
     inside = np.random.default_rng(0).uniform([388, 0], [788, 180], (50, 2))
     pixels = VIEW.pixels(np.column_stack([inside, np.zeros(50)]))
     np.testing.assert_allclose(calibration.millimetres(pixels), inside, atol=0.06)
-    np.testing.assert_allclose(calibration.pixels(calibration.millimetres(pixels)), pixels)
+    np.testing.assert_allclose(
+        calibration.pixels(calibration.millimetres(pixels)), pixels
+    )
     assert calibration.mm_per_px == pytest.approx(0.44, rel=1e-3)
     assert 0 < calibration.error_mm < 0.05
     # a particle above the belt is off by the parallax of the note
@@ -55,7 +59,9 @@ def test_the_mapping_takes_pixels_to_the_belt_and_back():
 def test_a_hidden_corner_is_where_its_edges_meet():
     covered, (row, col) = PICTURE.copy(), true_corners(VIEW)[1].astype(int)
     cv2.circle(covered, (int(col), int(row)), 70, 130, -1)
-    np.testing.assert_allclose(find_corners(covered).places, true_corners(VIEW), atol=0.3)
+    np.testing.assert_allclose(
+        find_corners(covered).places, true_corners(VIEW), atol=0.3
+    )
 
 
 def covered(rows, cols):

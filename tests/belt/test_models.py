@@ -22,7 +22,9 @@ few = settings(max_examples=15)
 def last_of(*rows, axis="x"):
     """Particles at 0.5 s by place, velocity and acceleration along or across the belt."""
     empty = pd.DataFrame(0.0, range(len(rows)), BELT_LAST.names)
-    table = empty.assign(particle=range(len(rows)), time_s=0.5, x=623.0, velocity_x_mm_s=1000.0)
+    table = empty.assign(
+        particle=range(len(rows)), time_s=0.5, x=623.0, velocity_x_mm_s=1000.0
+    )
     names = [axis, f"velocity_{axis}_mm_s", f"acceleration_{axis}_mm_s2"]
     table[names] = np.reshape(np.array(rows, dtype=float), (-1, 3))
     return table
@@ -30,19 +32,30 @@ def last_of(*rows, axis="x"):
 
 def arrivals(*times, velocities=None):
     velocities = [0.0] * len(times) if velocities is None else velocities
-    rows = [(i, t, 90.0, v) for i, (t, v) in enumerate(zip(times, velocities, strict=True))]
+    rows = [
+        (i, t, 90.0, v) for i, (t, v) in enumerate(zip(times, velocities, strict=True))
+    ]
     return pd.DataFrame(rows, columns=BELT_ARRIVAL.names)
 
 
 ONE = last_of((623.0, 1000.0, 0.0))
-by_name = pytest.mark.parametrize("model", belt.ARRIVAL_MODELS, ids=lambda model: model.name)
+by_name = pytest.mark.parametrize(
+    "model", belt.ARRIVAL_MODELS, ids=lambda model: model.name
+)
 lateral_by_name = pytest.mark.parametrize(
     "model", belt.LATERAL_MODELS, ids=lambda model: model.name
 )
 
 
 def test_models_and_combinations_are_those_of_the_paper():
-    assert [model.name for model in belt.ARRIVAL_MODELS] == ["IV", "CV", "CVBC", "CA", "CALV", "IA"]
+    assert [model.name for model in belt.ARRIVAL_MODELS] == [
+        "IV",
+        "CV",
+        "CVBC",
+        "CA",
+        "CALV",
+        "IA",
+    ]
     names = [model.name for model in belt.LATERAL_MODELS]
     assert names == ["Straight", "CV", "CA", "CADSC", "Ratio"]
     names = ["Straight", "CV-CV", "CA-CA", "LV-DSC", "IA-CV", "IA-CA", "IA-Ratio"]
@@ -63,7 +76,9 @@ def test_identical_delay_is_identical_velocity_where_all_start_at_one_place():
     times = arrivals(0.60, 0.62, 0.65)
     for starts, equal in (((623.0,) * 3, True), ((613.0, 623.0, 618.0), False)):
         last = last_of(*((x, 1000.0, 0.0) for x in starts))
-        same, velocity = (m.calibrated(last, times, TARGET) for m in (models.ID(), models.IV()))
+        same, velocity = (
+            m.calibrated(last, times, TARGET) for m in (models.ID(), models.IV())
+        )
         np.testing.assert_allclose(same(last, TARGET), 0.62)
         assert np.allclose(same(last, TARGET), velocity(last, TARGET)) == equal
 
@@ -96,7 +111,9 @@ def test_eq_6_is_the_first_time_that_eq_5_is_fulfilled(particle):
     ],
 )
 def test_roots_by_hand(velocity, acceleration, time):
-    predicted = models.time_to_cover(*(np.array([v]) for v in (100.0, velocity, acceleration)))
+    predicted = models.time_to_cover(
+        *(np.array([v]) for v in (100.0, velocity, acceleration))
+    )
     np.testing.assert_allclose(predicted, [time])
 
 
@@ -121,8 +138,12 @@ def test_calv_is_acceleration_up_to_a_limit(motion):
 def test_calibration_takes_medians():
     last = last_of(*[(623.0, 1000.0, 0.0)] * 3)
     arrived = arrivals(0.60, 0.62, 0.70)
-    assert models.IV().calibrated(last, arrived, TARGET).velocity_mm_s == pytest.approx(150 / 0.12)
-    assert models.CVBC().calibrated(last, arrived, TARGET).bias_s == pytest.approx(-0.03)
+    assert models.IV().calibrated(last, arrived, TARGET).velocity_mm_s == pytest.approx(
+        150 / 0.12
+    )
+    assert models.CVBC().calibrated(last, arrived, TARGET).bias_s == pytest.approx(
+        -0.03
+    )
     optimal = 2 * (150 - 1000 * 0.12) / 0.12**2
     fitted = models.IA().calibrated(last, arrived, TARGET)
     assert fitted.acceleration_mm_s2 == pytest.approx(optimal)
@@ -130,8 +151,13 @@ def test_calibration_takes_medians():
 
 
 def test_cvbc_leaves_out_particles_without_a_prediction_by_cv():
-    last, still = last_of((623.0, 1000.0, 0.0), (623.0, 0.0, 9.0)), last_of((623.0, 0.0, 9.0))
-    assert models.CVBC().calibrated(last, arrivals(0.66, 0.9), TARGET).bias_s == pytest.approx(0.01)
+    last, still = (
+        last_of((623.0, 1000.0, 0.0), (623.0, 0.0, 9.0)),
+        last_of((623.0, 0.0, 9.0)),
+    )
+    assert models.CVBC().calibrated(
+        last, arrivals(0.66, 0.9), TARGET
+    ).bias_s == pytest.approx(0.01)
     with pytest.raises(InputError, match="last"):
         models.CVBC().calibrated(still, arrivals(0.9), TARGET)
 
@@ -159,11 +185,17 @@ def test_each_lateral_model_in_plain_code(particle, time):
     last, left = last_of(particle, axis="y"), np.array([time])
     assert models.Straight()(last, left)[0] == y
     assert models.LateralCV()(last, left)[0] == pytest.approx(y + v * time)
-    assert models.LateralCA()(last, left)[0] == pytest.approx(y + v * time + a * time**2 / 2)
+    assert models.LateralCA()(last, left)[0] == pytest.approx(
+        y + v * time + a * time**2 / 2
+    )
     until = min(time, -v / a) if v * a < 0 else time
-    assert models.CADSC()(last, left)[0] == pytest.approx(y + v * until + a * until**2 / 2)
+    assert models.CADSC()(last, left)[0] == pytest.approx(
+        y + v * until + a * until**2 / 2
+    )
     # the velocity falls evenly from v to r v: the mean of both counts
-    assert models.Ratio(share=0.5)(last, left)[0] == pytest.approx(y + time * (v + 0.5 * v) / 2)
+    assert models.Ratio(share=0.5)(last, left)[0] == pytest.approx(
+        y + time * (v + 0.5 * v) / 2
+    )
 
 
 def test_ratio_takes_the_median_quotient_of_those_that_move():

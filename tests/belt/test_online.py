@@ -18,7 +18,9 @@ from kilnflight.checks import InputError
 from kilnflight.tables import VALVE_EVENTS
 
 # One pixel per mm; the belt's first corner is pixel (10, 10).
-CALIBRATION = Calibration(np.array([[1.0, 0, 378.0], [0, 1.0, -10.0], [0, 0, 1]]), 0.0, 1.0)
+CALIBRATION = Calibration(
+    np.array([[1.0, 0, 378.0], [0, 1.0, -10.0], [0, 0, 1]]), 0.0, 1.0
+)
 BACKGROUND = np.full((200, 420), 60, dtype=np.uint8)
 MEASURE = MeasureSpots(BACKGROUND, Spots(single_px=80.0), CALIBRATION)
 BAR = ValveBar(18, latency_s=0.01)
@@ -40,13 +42,21 @@ def way(frame, first=0, y=90.0, velocity=1200.0, across=0.0):
 
 
 RNG = np.random.default_rng(0)
-STARTS = [(int(RNG.integers(40)), *RNG.uniform([20, 1000, -40], [160, 1300, 40])) for _ in range(9)]
-PICTURES = [picture(*(place for start in STARTS for place in way(k, *start))) for k in range(110)]
+STARTS = [
+    (int(RNG.integers(40)), *RNG.uniform([20, 1000, -40], [160, 1300, 40]))
+    for _ in range(9)
+]
+PICTURES = [
+    picture(*(place for start in STARTS for place in way(k, *start)))
+    for k in range(110)
+]
 
 
 def run(numbered, models=MODELS, bar=BAR, **settings):
     schedule = ValveSchedule(bar)
-    return list(sort_pictures(numbered, MEASURE, models, schedule, **settings)), schedule
+    return list(
+        sort_pictures(numbered, MEASURE, models, schedule, **settings)
+    ), schedule
 
 
 def joined(commands):
@@ -69,17 +79,25 @@ def test_decisions_are_those_of_the_whole_recording():
     measured = np.concatenate([done.measured for done in decisions])
     np.testing.assert_array_equal(measured, spots.iloc[:, 1:])
     followed = BeltTracker()(spots, 110)
-    states = [(d.frame, t["particle"], *t["state"]) for d in decisions[:110] for t in d.tracks]
+    states = [
+        (d.frame, t["particle"], *t["state"]) for d in decisions[:110] for t in d.tracks
+    ]
     names = ["frame", "particle", "x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]
     np.testing.assert_array_equal(states, followed.states[names])
-    predicted = predict_arrivals(last_states(followed, BELT_FRAME_S), *MODELS, BELT.end_mm)
+    predicted = predict_arrivals(
+        last_states(followed, BELT_FRAME_S), *MODELS, BELT.end_mm
+    )
     known = pd.concat([done.predicted for done in decisions]).sort_values("particle")
     pd.testing.assert_frame_equal(known.reset_index(drop=True), predicted)
-    np.testing.assert_array_equal(joined([d.due for d in decisions]), events(BAR, predicted))
+    np.testing.assert_array_equal(
+        joined([d.due for d in decisions]), events(BAR, predicted)
+    )
     assert len(predicted) == 9
     assert schedule.late == schedule.never == 0
     for done in decisions:
-        assert (VALVE_EVENTS.check(done.due)["open_s"] >= (done.frame + 1) * BELT_FRAME_S).all()
+        assert (
+            VALVE_EVENTS.check(done.due)["open_s"] >= (done.frame + 1) * BELT_FRAME_S
+        ).all()
         assert (done.due["close_s"] <= (done.frame + 2) * BELT_FRAME_S).all()
 
 
@@ -90,8 +108,12 @@ def test_lost_frames_are_no_misses_and_no_arrival_lies_before_the_last_observati
     (told,) = (done for done in decisions if len(done.predicted))
     assert told.frame == 50  # seen last at 684 mm in frame 49
     assert told.predicted["time_s"][0] == pytest.approx((788 - 390) / 1200, abs=1e-3)
-    early, _ = run(((k, picture(*way(k))) for k in range(60)), (CVBC(-0.2), LateralCV()))
-    assert pd.concat([done.predicted for done in early])["time_s"].isna().tolist() == [True]
+    early, _ = run(
+        ((k, picture(*way(k))) for k in range(60)), (CVBC(-0.2), LateralCV())
+    )
+    assert pd.concat([done.predicted for done in early])["time_s"].isna().tolist() == [
+        True
+    ]
     assert pd.concat([done.due for done in early]).empty
 
 
@@ -122,17 +144,23 @@ def arrivals(*rows):
 
 
 @settings(max_examples=15)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.003, 0.02]), st.integers(1, 30))
+@given(
+    st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.003, 0.02]), st.integers(1, 30)
+)
 def test_commands_are_the_events_that_are_known_in_advance(seed, dead_s, valves):
     rng = np.random.default_rng(seed)
     bar = ValveBar(valves, latency_s=0.01, delay_s=0.001, dead_s=dead_s)
-    predicted = arrivals(*zip(rng.uniform(0, 0.3, 20), rng.uniform(0, 180, 20), strict=True))
+    predicted = arrivals(
+        *zip(rng.uniform(0, 0.3, 20), rng.uniform(0, 180, 20), strict=True)
+    )
     opens = predicted["time_s"] + 0.001 - 0.01 - bar.open_s / 2
     known = opens - dead_s - rng.exponential(0.03, 20)  # just in time, or earlier
     schedule, before, parts = ValveSchedule(bar), -np.inf, []
     times = np.append(np.sort(known), np.inf)
     for now, until in zip(times, [*times[1:], np.inf], strict=True):
-        parts.append(schedule.step(now, until, predicted[(known > before) & (known <= now)]))
+        parts.append(
+            schedule.step(now, until, predicted[(known > before) & (known <= now)])
+        )
         before = now
     np.testing.assert_array_equal(joined(parts), events(bar, predicted))
     assert schedule.late == schedule.never == 0

@@ -39,7 +39,9 @@ def some_tracks(draw):
         )
         frame = draw(st.integers(0, 9)) + np.arange(len(x))
         keep = generator.random(len(x)) > 0.02
-        table = pd.DataFrame({"frame": frame, "particle": particle, "time_s": frame / 100})
+        table = pd.DataFrame(
+            {"frame": frame, "particle": particle, "time_s": frame / 100}
+        )
         parts.append(table.assign(x=x, y=np.sin(x))[keep])
     shuffled = pd.concat(parts).sample(frac=1.0, random_state=1)
     return shuffled.astype({"frame": int, "particle": int})
@@ -48,17 +50,25 @@ def some_tracks(draw):
 @settings(max_examples=15)
 @given(some_tracks())
 def test_observations_are_those_of_the_definition(tracks):
-    rows, reasons = plain.observe(tracks, PHASE.start_mm, PHASE.target_mm, PHASE.extrapolated_mm)
+    rows, reasons = plain.observe(
+        tracks, PHASE.start_mm, PHASE.target_mm, PHASE.extrapolated_mm
+    )
     last, arrival, left_out = PHASE.observe(tracks)
     assert list(left_out.values()) == reasons
-    assert last["particle"].tolist() == arrival["particle"].tolist() == [row[0] for row in rows]
+    assert (
+        last["particle"].tolist()
+        == arrival["particle"].tolist()
+        == [row[0] for row in rows]
+    )
     states = last[["time_s", "velocity_x_mm_s", "acceleration_x_mm_s2"]]
     observed = np.column_stack([states, arrival[["time_s", "y"]]])
     expected = np.array([row[1:] for row in rows]).reshape(-1, 5)
     np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-4)
 
 
-def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acceleration):
+def test_states_are_carried_to_the_start_by_their_own_acceleration(
+    constant_acceleration,
+):
     observed = PHASE.observe(constant_acceleration)
     carried = PHASE.carry(observed)
     np.testing.assert_allclose(carried.last["x"], PHASE.start_mm)
@@ -66,18 +76,26 @@ def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acce
     wait = after["time_s"] - before["time_s"]
     assert wait.between(0, 0.01).all()
     gained = wait * before["acceleration_x_mm_s2"]
-    np.testing.assert_allclose(after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained)
-    stops = observed._replace(last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3))
+    np.testing.assert_allclose(
+        after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained
+    )
+    stops = observed._replace(
+        last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3)
+    )
     pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
 
 
-def test_a_track_that_ends_before_the_edge_arrives_on_its_parabola(constant_acceleration):
+def test_a_track_that_ends_before_the_edge_arrives_on_its_parabola(
+    constant_acceleration,
+):
     before = constant_acceleration[constant_acceleration["x"] < 788.0]
     arrival, left_out = PHASE.observe(before)[1:]
     assert not any(left_out.values())
     way = 788.0 - 400.0
     times = [
-        start / 100 + (np.sqrt(v**2 + 2 * a * way) - v) / a if a else start / 100 + way / v
+        start / 100 + (np.sqrt(v**2 + 2 * a * way) - v) / a
+        if a
+        else start / 100 + way / v
         for start, v, a in ((0, 1000.0, 1500.0), (7, 1200.0, 800.0), (2, 900.0, 0.0))
     ]
     np.testing.assert_allclose(arrival["time_s"], times, rtol=0, atol=1e-9)
@@ -98,7 +116,9 @@ def test_a_summary_is_the_box_plot_of_matplotlib(values):
 
 
 def test_whiskers_and_particles_without_a_prediction_by_hand():
-    summary = summarise_deviations(np.array([-9.0, -1.0, np.nan, 0.0, 0.0, 1.0, 1.5, 50.0]))
+    summary = summarise_deviations(
+        np.array([-9.0, -1.0, np.nan, 0.0, 0.0, 1.0, 1.5, 50.0])
+    )
     assert (summary["whisker_low"], summary["whisker_high"]) == (-1.0, 1.5)
     assert (summary["n"], summary["unpredicted"], summary["median"]) == (7, 1, 0.0)
     with pytest.raises(InputError, match="deviation"):
@@ -125,17 +145,23 @@ def test_every_model_is_evaluated_and_more_draws_keep_the_first(observed):
     few, more = (evaluate(observed, PHASE, arrival_deviations, n, 1) for n in (2, 3))
     assert few["model"].unique().tolist() == [model.name for model in ARRIVAL_MODELS]
     pd.testing.assert_frame_equal(few, more[more["draw"] < 2])
-    assert not few["mae"].equals(evaluate(observed, PHASE, arrival_deviations, 2, 2)["mae"])
+    assert not few["mae"].equals(
+        evaluate(observed, PHASE, arrival_deviations, 2, 2)["mae"]
+    )
     lateral = evaluate(observed, PHASE, lateral_deviations, 2, 1)
     assert lateral["model"].unique().tolist() == [name for name, _, _ in COMBINATIONS]
     assert list(lateral.columns) == ["draw", "model", *SUMMARY]
     with pytest.raises(InputError, match="observed"):
-        evaluate(observed._replace(last=observed.last[:99]), PHASE, arrival_deviations, 1, 1)
+        evaluate(
+            observed._replace(last=observed.last[:99]), PHASE, arrival_deviations, 1, 1
+        )
 
 
 def test_filtered_states_come_with_measured_arrivals(constant_acceleration):
     area, names = Area(end_mm=900.0), ["frame", "x", "y"]
-    tracker = BeltTracker(constant_velocity(0.01), Appearance(area, entry_mm=25.0), 0.01)
+    tracker = BeltTracker(
+        constant_velocity(0.01), Appearance(area, entry_mm=25.0), 0.01
+    )
     followed = tracker(constant_acceleration[names])
     observed = observe_followed(followed, constant_acceleration[names], PHASE, 0.01)
     expected = PHASE.observe(constant_acceleration)

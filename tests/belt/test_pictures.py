@@ -29,19 +29,32 @@ def with_discs(*places, radius=5):
 
 def test_the_background_is_the_mean():
     assert (average([EMPTY, EMPTY + 10, EMPTY + 21]) == 70).all()
-    for wrong in ([], [EMPTY, EMPTY[1:]], [EMPTY, None], [np.zeros((4, 4, 3), np.uint8)]):
+    for wrong in (
+        [],
+        [EMPTY, EMPTY[1:]],
+        [EMPTY, None],
+        [np.zeros((4, 4, 3), np.uint8)],
+    ):
         with pytest.raises(InputError, match="pictures"):
             average(wrong)
 
 
 def test_particles_that_touch_are_one_spot_and_marked():
-    apart, touching = with_discs((30, 40), (80, 100)), with_discs((30, 40), (38, 46), (80, 100))
+    apart, touching = (
+        with_discs((30, 40), (80, 100)),
+        with_discs((30, 40), (38, 46), (80, 100)),
+    )
     spots = Spots().calibrated([apart], EMPTY)
     assert spots(apart, EMPTY)[:, 3].tolist() == [0, 0]
     measured = spots(touching, EMPTY)
     assert measured[:, 3].tolist() == [1, 0]
-    np.testing.assert_allclose(measured[0, :2], [34, 43], atol=0.1)  # their common centroid
-    assert Spots()(touching, EMPTY)[:, 3].tolist() == [0, 0]  # not calibrated: marks none
+    np.testing.assert_allclose(
+        measured[0, :2], [34, 43], atol=0.1
+    )  # their common centroid
+    assert Spots()(touching, EMPTY)[:, 3].tolist() == [
+        0,
+        0,
+    ]  # not calibrated: marks none
 
 
 @pytest.mark.parametrize(
@@ -50,7 +63,9 @@ def test_particles_that_touch_are_one_spot_and_marked():
 def test_a_spot_of_several_is_split_at_the_centres(centres):
     alone, touching = with_discs((80, 100)), with_discs(*centres, (80, 100))
     spots = Spots(split=True).calibrated([alone], EMPTY)
-    np.testing.assert_array_equal(spots(alone, EMPTY), replace(spots, split=False)(alone, EMPTY))
+    np.testing.assert_array_equal(
+        spots(alone, EMPTY), replace(spots, split=False)(alone, EMPTY)
+    )
     measured = spots(touching, EMPTY)
     assert measured[:, 3].tolist() == [0] + [1] * len(centres)
     parts = measured[1:][np.lexsort(measured[1:, 1::-1].T)]
@@ -104,5 +119,7 @@ def test_pictures_that_do_not_fit_are_refused(wrong):
     with pytest.raises(InputError, match="frame 1"):
         MEASURE.table([EMPTY, wrong])
     matrix = HALF.matrix - 5000 * np.eye(3)[0][:, None] * np.eye(3)[2]
-    with pytest.raises(InputError, match="picture"):  # the calibration of another camera
+    with pytest.raises(
+        InputError, match="picture"
+    ):  # the calibration of another camera
         replace(MEASURE, calibration=HALF._replace(matrix=matrix))(EMPTY)

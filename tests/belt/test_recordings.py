@@ -61,7 +61,9 @@ def test_the_authors_files_hold_the_papers_particles(authors_data):
     assert end[end > 700.0].min() >= phase.target_mm - phase.extrapolated_mm
 
 
-MIDPOINTS = "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
+MIDPOINTS = (
+    "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
+)
 TRACKS = "TrackID_1_X,TrackID_1_Y,TrackID_2_X,TrackID_2_Y\n"
 ROWS = "0,2,5,10,50,30\n1,1,5.5,95,NaN,NaN\n2,0,NaN,NaN,NaN,NaN\n"
 
@@ -77,7 +79,10 @@ def path(tmp_path, monkeypatch):
     (tmp_path / "Kugeln").mkdir()
     path = tmp_path / "Kugeln" / "001.csv.gz"
     write(path, MIDPOINTS + ROWS)
-    write(path.with_name(f"001{HISTORY}.csv.gz"), TRACKS + "5,10,NaN,NaN\n5.5,95,NaN,NaN\n")
+    write(
+        path.with_name(f"001{HISTORY}.csv.gz"),
+        TRACKS + "5,10,NaN,NaN\n5.5,95,NaN,NaN\n",
+    )
     monkeypatch.setenv("KILNFLIGHT_RECORDINGS", str(tmp_path))
     return path
 
@@ -86,7 +91,11 @@ def test_positions_and_the_tracks_of_the_authors(path):
     assert find_recordings() == list_recordings(path.parents[1]) == {"spheres": [path]}
     table = read_recording(path)
     assert table.columns.tolist() == ["frame", "x", "y", "author_track"]
-    assert table.to_numpy().tolist() == [[0, 10, 5, 0], [0, 30, 50, -1], [1, 95, 5.5, 0]]
+    assert table.to_numpy().tolist() == [
+        [0, 10, 5, 0],
+        [0, 30, 50, -1],
+        [1, 95, 5.5, 0],
+    ]
     assert links(table, "author_track").tolist() == [(0, 2)]
     alone = path.with_name("002.csv.gz")
     write(alone, MIDPOINTS + ROWS)
@@ -126,15 +135,24 @@ def test_a_recording_without_a_measurement_is_empty_and_joins(path, rows):
     assert len(empty) == 0
     pd.testing.assert_series_equal(empty.dtypes, whole.dtypes)
     both = join_recordings([empty, whole, empty, whole])
-    apart = both["frame"][len(whole) :].to_numpy() - both["frame"][: len(whole)].to_numpy()
+    apart = (
+        both["frame"][len(whole) :].to_numpy() - both["frame"][: len(whole)].to_numpy()
+    )
     assert (apart == whole["frame"].max() + 2 * 100).all()
 
 
 def recording(step=62.0, particles=40, spread=1.0, seed=0, every=7):
-    """Particles one after the other, each seen 12 times, at places across the belt by chance."""
+    """Particles one after the other, each seen 12 times, at places across the belt by
+    chance.
+    """
     generator = np.random.default_rng(seed)
     rows = [
-        (start * every + k, 30.0 + step * k + generator.normal(0, spread), across, start)
+        (
+            start * every + k,
+            30.0 + step * k + generator.normal(0, spread),
+            across,
+            start,
+        )
         for start, across in enumerate(generator.uniform(100, 2000, particles))
         for k in range(12)
     ]
@@ -142,10 +160,16 @@ def recording(step=62.0, particles=40, spread=1.0, seed=0, every=7):
 
 
 def test_the_velocity_is_that_of_the_particles():
-    dirt = pd.DataFrame({"frame": range(280), "x": 500.0, "y": 50.0, "author_track": -1})
-    found = estimate_velocity(pd.concat([recording(), dirt]).sample(frac=1, random_state=1))
+    dirt = pd.DataFrame(
+        {"frame": range(280), "x": 500.0, "y": 50.0, "author_track": -1}
+    )
+    found = estimate_velocity(
+        pd.concat([recording(), dirt]).sample(frac=1, random_state=1)
+    )
     assert found.px_per_frame == pytest.approx(62, abs=0.3)
-    assert found.spread_px == pytest.approx(np.sqrt(2), rel=0.2)  # two measurements of 1 px
+    assert found.spread_px == pytest.approx(
+        np.sqrt(2), rel=0.2
+    )  # two measurements of 1 px
     assert found.pairs == 40 * 11
 
 
@@ -157,7 +181,9 @@ def test_an_ambiguous_velocity_is_refused():
 
 
 def test_links_of_the_tracker_are_those_of_the_authors():
-    """Of made-up recordings all are found; a missed frame and a swap cost the right ones."""
+    """Of made-up recordings all are found; a missed frame and a swap cost the right
+    ones.
+    """
     table = recording()
     motion = ConstantVelocity((62.0, 0.0), 8.0, measurement_sd=1.0)
     appearance = Appearance(Area(0, 1700, 2250), 0.5, 62.0, 10.0)

@@ -31,7 +31,11 @@ TRACKERS = (BeltTracker(), BeltTracker(ACCELERATED))
 
 def moving(x=390.0, y=90.0, along=1200.0, across=0.0, frames=80, first=0, particle=0):
     time = 0.005 * np.arange(frames)
-    columns = {"frame": first + np.arange(frames), "x": x + along * time, "y": y + across * time}
+    columns = {
+        "frame": first + np.arange(frames),
+        "x": x + along * time,
+        "y": y + across * time,
+    }
     return pd.DataFrame(columns).assign(particle=particle)
 
 
@@ -63,8 +67,12 @@ def reasons(followed):
 @given(st.floats(300, 800), st.floats(-50, 250), st.floats(0.1, 20), st.floats(0.1, 20))
 def test_outside_by_the_normal_distribution(x, y, along, across):
     residual = np.diag([along**2, across**2])[None]
-    unobserved, outside = Appearance().unobserved_likelihood(np.array([[x, y]]), residual)
-    inside = np.diff(norm.cdf([388, 688], x, along)) * np.diff(norm.cdf([0, 180], y, across))
+    unobserved, outside = Appearance().unobserved_likelihood(
+        np.array([[x, y]]), residual
+    )
+    inside = np.diff(norm.cdf([388, 688], x, along)) * np.diff(
+        norm.cdf([0, 180], y, across)
+    )
     assert outside[0] == pytest.approx(1 - inside[0], abs=1e-9)
     assert unobserved[0] == pytest.approx(1 - 0.9 * inside[0], abs=1e-9)
 
@@ -75,7 +83,10 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     rng = np.random.default_rng(seed)
     costs = rng.uniform(-5, 30, (tracks, detections))
     costs[rng.random(costs.shape) < 0.4] = np.inf
-    unobserved, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
+    unobserved, new = (
+        rng.uniform(1e-6, 1, tracks),
+        10 ** rng.uniform(-8, -2, detections),
+    )
     i, j = pairs = np.isfinite(costs).nonzero()
     taken = Likelihoods(costs[pairs], unobserved, new, np.zeros(tracks)).taken(pairs)
     total = costs[pairs][taken].sum() - np.log(np.delete(unobserved, i[taken])).sum()
@@ -91,7 +102,9 @@ def test_costs_are_minus_log_likelihoods_and_scores_add_up():
     for step in tracker.steps(moving(frames=10)):
         likelihoods = tracker.likelihoods(step.detected, step.pairs)
         if len(likelihoods.costs):
-            expected = multivariate_normal(step.pairs.expected[0], step.pairs.residual[0])
+            expected = multivariate_normal(
+                step.pairs.expected[0], step.pairs.residual[0]
+            )
             density = expected.pdf(step.detected.positions[0])
             assert likelihoods.costs[0] == pytest.approx(-np.log(0.9 * density))
             score -= likelihoods.costs[0] + clutter
@@ -122,7 +135,9 @@ def test_a_crowd_is_followed_as_it_is_in_any_order_of_rows(tracker):
     pairs = pd.DataFrame({"truth": table["particle"], "track": track_of_row})[inside]
     assert len(pairs.drop_duplicates()) <= 30 + 1
     mixed = table.sample(frac=1.0, random_state=1)
-    np.testing.assert_array_equal(track_of_row[mixed.index], owners(mixed, tracker(mixed)))
+    np.testing.assert_array_equal(
+        track_of_row[mixed.index], owners(mixed, tracker(mixed))
+    )
 
 
 def test_a_gap_of_a_few_frames_is_bridged_and_a_longer_one_is_not():
@@ -132,7 +147,9 @@ def test_a_gap_of_a_few_frames_is_bridged_and_a_longer_one_is_not():
     missed = followed.states[followed.states["row"] < 0]
     assert set(missed["frame"]) >= {20, 21, 22}
     goes_on = moving(particle=1, y=150.0, first=5)
-    followed = BeltTracker()(pd.concat([moving(frames=20), goes_on], ignore_index=True), 90)
+    followed = BeltTracker()(
+        pd.concat([moving(frames=20), goes_on], ignore_index=True), 90
+    )
     assert reasons(followed) == sorted([LOST, LEFT])
 
 

@@ -53,7 +53,10 @@ def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
 def test_perfect_predictions_hit_all_and_longer_times_never_fewer(seed):
     chosen, predicted, true = world(seed)
     assert separate(BAR, chosen, true, true).hit[chosen].all()
-    hits = [separate(replace(BAR, open_s=s), chosen, predicted, true).hit for s in (0.01, 0.03)]
+    hits = [
+        separate(replace(BAR, open_s=s), chosen, predicted, true).hit
+        for s in (0.01, 0.03)
+    ]
     assert (hits[1] >= hits[0]).all()
 
 
@@ -62,7 +65,9 @@ def test_without_particles_or_prediction_nothing_is_hit():
     separation = separate(BAR, none, empty, empty)
     assert len(separation.hit) == 0
     assert np.isnan([separation.hit_share, separation.inadvertent_share]).all()
-    shares = Separation(np.array([True, True, False, False]), np.array([True, False, False, True]))
+    shares = Separation(
+        np.array([True, True, False, False]), np.array([True, False, False, True])
+    )
     assert (shares.hit_share, shares.inadvertent_share) == (0.5, 0.5)
     chosen, _, true = world(1)
     unknown = np.full(40, np.nan)
@@ -77,4 +82,9 @@ def test_commands_come_a_latency_before_the_window_and_near_windows_are_merged()
     expected = [[1, 1, 2], [0.167, 0.195, 0.167], [0.190, 0.205, 0.177]]
     np.testing.assert_allclose(np.array(events), expected)
     true = np.array([0.1971, 0.1969, 0.2185, 0.2225])
-    assert bar.hits(events, true, np.full(4, 15.0)).tolist() == [True, False, True, False]
+    assert bar.hits(events, true, np.full(4, 15.0)).tolist() == [
+        True,
+        False,
+        True,
+        False,
+    ]

@@ -17,7 +17,9 @@ def difference(frame, background, absolute):
 
 def frame_difference(stack, t, beside, absolute):
     """Eqs 2.5 and 2.6: mean difference from the frames ``beside``."""
-    return np.mean([difference(stack[t], stack[other], absolute) for other in beside], axis=0)
+    return np.mean(
+        [difference(stack[t], stack[other], absolute) for other in beside], axis=0
+    )
 
 
 def mean(stack, t, window):

@@ -5,7 +5,9 @@ from scipy.optimize import linear_sum_assignment
 
 
 def observe(tracks, start_mm, target_mm, extrapolated_mm=0.0):
-    """Return last states with arrivals, and particles left out by reason (2020, Figs 2 and 5)."""
+    """Return last states with arrivals, and particles left out by reason (2020, Figs 2
+    and 5).
+    """
     rows, reasons = [], [0, 0, 0]  # gap, short, missed
     for particle, track in tracks.sort_values("frame").groupby("particle"):
         points = list(track[["frame", "time_s", "x", "y"]].itertuples(index=False))
@@ -23,11 +25,16 @@ def observe(tracks, start_mm, target_mm, extrapolated_mm=0.0):
             if beyond is not None:
                 p, q = points[beyond - 1], points[beyond]
                 share = (target_mm - p.x) / (q.x - p.x)
-                crossing = (p.time_s + share * (q.time_s - p.time_s), p.y + share * (q.y - p.y))
+                crossing = (
+                    p.time_s + share * (q.time_s - p.time_s),
+                    p.y + share * (q.y - p.y),
+                )
             else:
                 p, further, across = parabolas(points[-3:])
                 roots = np.roots(further - [0, 0, target_mm])
-                roots = sorted(root.real for root in roots if root.imag == 0 and root.real > 0)
+                roots = sorted(
+                    root.real for root in roots if root.imag == 0 and root.real > 0
+                )
                 if not roots:
                     reasons[2] += 1
                     continue
@@ -37,9 +44,13 @@ def observe(tracks, start_mm, target_mm, extrapolated_mm=0.0):
 
 
 def parabolas(points):
-    """Return the last of three points, and the parabolas x and y through them, from it on."""
+    """Return the last of three points, and the parabolas x and y through them, from it
+    on.
+    """
     time = [point.time_s - points[-1].time_s for point in points]
-    x, y = (np.polyfit(time, [getattr(point, name) for point in points], 2) for name in "xy")
+    x, y = (
+        np.polyfit(time, [getattr(point, name) for point in points], 2) for name in "xy"
+    )
     return points[-1], x, y
 
 
@@ -77,7 +88,9 @@ def valve_hits(bar, chosen, predicted, true):
     width = pitch if bar.valve_mm is None else bar.valve_mm
     hit = np.zeros(len(chosen), dtype=bool)
     for i in np.flatnonzero(chosen & np.isfinite(predicted).all(axis=0)):
-        valve = min(range(bar.valves), key=lambda k: abs((k + 0.5) * pitch - predicted[1][i]))
+        valve = min(
+            range(bar.valves), key=lambda k: abs((k + 0.5) * pitch - predicted[1][i])
+        )
         for j in range(len(chosen)):
             across = abs((valve + 0.5) * pitch - true[1][j]) <= width / 2
             hit[j] |= across and abs(predicted[0][i] - true[0][j]) <= bar.open_s / 2

@@ -7,7 +7,9 @@ import numpy as np
 import pandas as pd
 
 BOUNDS = pd.read_csv(Path(__file__).parents[2] / "data" / "reference" / "bounds.csv")
-VALUES = list(BOUNDS[BOUNDS["kind"] == "value"].itertuples(index=False))  # the first match holds
+VALUES = list(
+    BOUNDS[BOUNDS["kind"] == "value"].itertuples(index=False)
+)  # the first match holds
 DIFFERENCE, SPREAD, SUFFIX = BOUNDS.loc[BOUNDS["kind"] != "value", "pattern"]
 
 
@@ -28,7 +30,7 @@ def impossible(table: pd.DataFrame, identifier: str = "") -> list[str]:
         outside = values[(values < least) | (values > greatest)]
         if len(outside):
             sentences.append(
-                f"column {column}: {len(outside)} of {len(values)} outside {least:g} to "
-                f"{greatest:g} ({bound.source}), worst {max(outside, key=abs):g}"
+                f"column {column}: {len(outside)} of {len(values)} outside {least:g} "
+                f"to {greatest:g} ({bound.source}), worst {max(outside, key=abs):g}"
             )
     return sentences

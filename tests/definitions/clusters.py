@@ -10,7 +10,9 @@ CUBE = np.ones((3, 3, 3))
 def renumbered(labels):
     """Labels numbered by their first point; noise stays -1."""
     numbers = {-1: -1}
-    return np.array([numbers.setdefault(label, len(numbers) - 1) for label in np.asarray(labels)])
+    return np.array(
+        [numbers.setdefault(label, len(numbers) - 1) for label in np.asarray(labels)]
+    )
 
 
 def morphology(points, grid):
@@ -21,11 +23,15 @@ def morphology(points, grid):
     cell = tuple(np.floor(stretched + 0.5).astype(int).T)
     occupied = np.zeros((grid + 1,) * 3, bool)
     occupied[cell] = True
-    return renumbered(ndimage.label(ndimage.binary_dilation(occupied, CUBE), CUBE)[0][cell])
+    return renumbered(
+        ndimage.label(ndimage.binary_dilation(occupied, CUBE), CUBE)[0][cell]
+    )
 
 
 def neighbors_by_sorting(points, k):
-    """The k nearest others, equally distant ones in the order of the cloud; small clouds."""
+    """The k nearest others, equally distant ones in the order of the cloud; small
+    clouds.
+    """
     squares = sum((axis[:, None] - axis) ** 2 for axis in points.T)
     np.fill_diagonal(squares, -1.0)  # the point itself comes first
     return np.argsort(squares, axis=1, kind="stable")[:, 1 : k + 1]
@@ -59,7 +65,9 @@ def quasi_centers(points, k, alpha, knn=None):
     knn = cKDTree(points).query(points, k + 1)[1][:, 1:] if knn is None else knn
     sparsity = ((points - points[knn[:, -1]]) ** 2).sum(axis=1)
     near = sparsity[knn]
-    sparse = [set(row[s >= own]) for row, s, own in zip(knn, near, sparsity, strict=True)]
+    sparse = [
+        set(row[s >= own]) for row, s, own in zip(knn, near, sparsity, strict=True)
+    ]
     for i, j in np.argwhere(near == sparsity[:, None]):
         sparse[knn[i, j]].add(i)
     center = np.ones(len(points), bool)

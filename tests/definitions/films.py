@@ -5,11 +5,14 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter, shift
 
 MARGIN = 14  # px without particles
-SHAPES = {  # height 1 over distances in px: from the centre, along, across; s: size in px
+# height 1 over distances in px: from the centre, along, across; s: size in px
+SHAPES = {
     "spot": lambda far, along, across, s: np.exp(-(far**2) / (2 * s**2)),
     "disc": lambda far, along, across, s: edge(far, s),
     "ring": lambda far, along, across, s: np.exp(-((far - s) ** 2) / (2 * 0.9**2)),
-    "rod": lambda far, along, across, s: edge(abs(along), s[0] / 2) * edge(abs(across), s[1] / 2),
+    "rod": lambda far, along, across, s: (
+        edge(abs(along), s[0] / 2) * edge(abs(across), s[1] / 2)
+    ),
 }
 
 
@@ -23,10 +26,11 @@ def film(
 ):  # fmt: skip
     """Return pictures (frames, rows, cols) and the truth: frame, row, col, particle.
 
-    One particle starts in each cell of a grid; all drift alike and come in again on the other
-    side. ``size``: sigma of a spot, radius of a disc or ring, length and width of a rod.
-    ``diffusion`` is in px^2 a frame, ``flicker`` a share of the light, ``texture`` the contrast of
-    the ground, which moves by ``shake`` px; both are standard deviations.
+    One particle starts in each cell of a grid; all drift alike and come in again on the
+    other side. ``size``: sigma of a spot, radius of a disc or ring, length and width of
+    a rod. ``diffusion`` is in px^2 a frame, ``flicker`` a share of the light,
+    ``texture`` the contrast of the ground, which moves by ``shake`` px; both are
+    standard deviations.
     """
     rng, room = np.random.default_rng(7), np.array(cells) * pitch
     start = (np.indices(cells).reshape(2, -1).T + 0.5) * pitch

@@ -16,5 +16,7 @@ def update(state, covariance, measurements, weights, h, r):
     mean = weights[1:] @ apart
     spread = (weights[1:, None] * apart).T @ apart - np.outer(mean, mean)
     updated = covariance - gain @ s @ gain.T
-    mixed = weights[0] * covariance + (1 - weights[0]) * updated + gain @ spread @ gain.T
+    mixed = (
+        weights[0] * covariance + (1 - weights[0]) * updated + gain @ spread @ gain.T
+    )
     return state + gain @ mean, mixed

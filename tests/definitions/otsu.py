@@ -10,4 +10,6 @@ def thresholds(values):
         below, above = line[line <= k], line[line > k]
         best[int(k)] = below.size * above.size * (above.mean() - below.mean()) ** 2
     most = max(best.values(), default=0.0)
-    return [k for k, value in best.items() if value >= most * (1 - 1e-12)] or [int(line[0])]
+    return [k for k, value in best.items() if value >= most * (1 - 1e-12)] or [
+        int(line[0])
+    ]

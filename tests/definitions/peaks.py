@@ -5,7 +5,9 @@ from scipy.ndimage import label
 
 
 def peaks(image, prominence):
-    """Return the prominence of each peak by row and col; of equal pixels the first is higher."""
+    """Return the prominence of each peak by row and col; of equal pixels the first is
+    higher.
+    """
     found, edge = {}, np.ones(image.shape, bool)
     edge[1:-1, 1:-1] = False
     for r, c in np.argwhere(~edge).tolist():

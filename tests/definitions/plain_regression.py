@@ -1,11 +1,15 @@
-"""The definition in plain code: scipy over all unknowns, one combination of orders at a time."""
+"""The definition in plain code: scipy over all unknowns, one combination of orders at a
+time.
+"""
 
 import numpy as np
 from scipy.optimize import least_squares
 
 
 def residuals(unknown, time, places, exit_point, orders):
-    """Return measured minus Eq. 4.29 (in powers of t - t0), (3 n,); the last unknown is t0."""
+    """Return measured minus Eq. 4.29 (in powers of t - t0), (3 n,); the last unknown is
+    t0.
+    """
     since, at, found = time - unknown[-1], 0, []
     for axis, order in enumerate(orders):
         curve = np.polyval([*unknown[at : at + order][::-1], 0.0], since)
@@ -15,7 +19,9 @@ def residuals(unknown, time, places, exit_point, orders):
 
 
 def solve(time, places, exit_point, orders, start, limits, tolerance=1e-15):
-    """Return scipy's result by trust region, from t0 = ``start`` and the best motion for it."""
+    """Return scipy's result by trust region, from t0 = ``start`` and the best motion
+    for it.
+    """
     motion = [
         np.linalg.lstsq((time - start)[:, None] ** np.arange(1, order + 1), moved)[0]
         for order, moved in zip(orders, (places - exit_point).T, strict=True)

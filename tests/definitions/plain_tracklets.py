@@ -26,7 +26,10 @@ def tracklets_of(tracks: pd.DataFrame) -> list[dict]:
 
 def velocities(part: list) -> list:
     """Return Eq. 4.17 of a list of (frame, place)."""
-    return [((q[0] - p[0]) / (t - s), (q[1] - p[1]) / (t - s)) for (s, p), (t, q) in pairwise(part)]
+    return [
+        ((q[0] - p[0]) / (t - s), (q[1] - p[1]) / (t - s))
+        for (s, p), (t, q) in pairwise(part)
+    ]
 
 
 def angle(u: tuple, v: tuple) -> float:
@@ -34,7 +37,9 @@ def angle(u: tuple, v: tuple) -> float:
     lengths = math.hypot(*u) * math.hypot(*v)
     if lengths == 0:
         return 0.0
-    return math.degrees(math.acos(max(-1.0, min(1.0, (u[0] * v[0] + u[1] * v[1]) / lengths))))
+    return math.degrees(
+        math.acos(max(-1.0, min(1.0, (u[0] * v[0] + u[1] * v[1]) / lengths)))
+    )
 
 
 def is_outlier(u: tuple, v: tuple) -> bool:
@@ -62,7 +67,9 @@ def correlation(part: list) -> float:
         fitted.extend(model - model.mean())
     if not np.any(real):
         return 1.0
-    return float(np.dot(real, fitted) / math.sqrt(np.dot(real, real) * np.dot(fitted, fitted)))
+    return float(
+        np.dot(real, fitted) / math.sqrt(np.dot(real, real) * np.dot(fitted, fitted))
+    )
 
 
 def eliminate(tracklets: list[dict]) -> list[dict]:
@@ -81,7 +88,9 @@ def without_outliers(tracklet: dict) -> dict:
             del left[0]
             continue
         met = [
-            i for i in range(count - 3, 0, -1) if i + 1 < len(v) and is_outlier(v[i], v[i + 1])
+            i
+            for i in range(count - 3, 0, -1)
+            if i + 1 < len(v) and is_outlier(v[i], v[i + 1])
         ]  # Eq. 4.20
         if met and met[0] == 1:
             del left[1]
@@ -104,7 +113,11 @@ def mean(p: tuple, q: tuple) -> tuple:
 
 def joined(one: dict, other: dict) -> dict:
     """Return two tracklets as one, the mean of both in common frames."""
-    return {**one, **other, **{t: mean(one[t], other[t]) for t in one.keys() & other.keys()}}
+    return {
+        **one,
+        **other,
+        **{t: mean(one[t], other[t]) for t in one.keys() & other.keys()},
+    }
 
 
 def connected_part(one: dict, other: dict) -> list:
@@ -124,21 +137,31 @@ def cost(one: dict, other: dict, fusion: bool) -> float:
     common = one.keys() & other.keys()
     gap = min(other) - max(one)
     if fusion:
-        if not common or np.mean([math.dist(one[t][:2], other[t][:2]) for t in common]) > 10:
+        if (
+            not common
+            or np.mean([math.dist(one[t][:2], other[t][:2]) for t in common]) > 10
+        ):
             return IMPOSSIBLE
     elif max(other) <= max(one) or (gap >= 15 if gap > 0 else len(common) >= 5):
         return IMPOSSIBLE
     part = connected_part(one, other)
     v = velocities(part)
     turns = list(pairwise(v))
-    if any(is_outlier(*turn) for turn in turns) or speed(part) <= 1 or correlation(part) <= 0.9:
+    if (
+        any(is_outlier(*turn) for turn in turns)
+        or speed(part) <= 1
+        or correlation(part) <= 0.9
+    ):
         return IMPOSSIBLE
-    shown = [[math.hypot(*u) for u in velocities(sorted(t.items()))] for t in (one, other)]
+    shown = [
+        [math.hypot(*u) for u in velocities(sorted(t.items()))] for t in (one, other)
+    ]
     limit = 18 + max(np.median(each) if each else 0.0 for each in shown)
     most = max([limit, *shown[0], *shown[1]])
     v_joined = velocities(sorted(joined(one, other).items()))
     if not fusion and (
-        any(math.hypot(*u) > limit for u in v) or any(math.hypot(*u) > most for u in v_joined)
+        any(math.hypot(*u) > limit for u in v)
+        or any(math.hypot(*u) > most for u in v_joined)
     ):
         return IMPOSSIBLE
     deep = [(t, p[2]) for t, p in part if not math.isnan(p[2])]
@@ -162,7 +185,9 @@ def matrix(tracklets: list[dict], fusion: bool) -> np.ndarray:
 
 
 def join(tracklets: list[dict], fusion: bool = False) -> list[dict]:
-    """Return the trajectories after section 4.2.3, or of 4.2.4, with dual nearest neighbours."""
+    """Return the trajectories after section 4.2.3, or of 4.2.4, with dual nearest
+    neighbours.
+    """
     tracklets = list(tracklets)
     while True:
         costs = matrix(tracklets, fusion)
@@ -195,7 +220,12 @@ def make_table(*tracklets) -> pd.DataFrame:
     """Return the table of tracklets given as (frames, rows, cols) or (..., depths)."""
     parts = []
     for particle, (frame, row, col, *depth) in enumerate(tracklets):
-        part = {"particle": particle, "row": row, "col": col, "z": depth[0] if depth else math.nan}
+        part = {
+            "particle": particle,
+            "row": row,
+            "col": col,
+            "z": depth[0] if depth else math.nan,
+        }
         part = pd.DataFrame({"frame": frame} | part)
         parts.append(part.astype({"row": float, "col": float, "z": float}))
     table = pd.concat(parts, ignore_index=True)
@@ -203,7 +233,9 @@ def make_table(*tracklets) -> pd.DataFrame:
 
 
 def make_flights(seed: int, flights: int, frames: int = 80) -> pd.DataFrame:
-    """Return noisy flights cut into tracklets, with gaps, overlaps, duplicates and clutter."""
+    """Return noisy flights cut into tracklets, with gaps, overlaps, duplicates and
+    clutter.
+    """
     rng = np.random.default_rng(seed)
     parts = []
     for _ in range(flights):
@@ -214,7 +246,9 @@ def make_flights(seed: int, flights: int, frames: int = 80) -> pd.DataFrame:
         for first in range(0, len(t), 12):
             kept = np.arange(first, min(first + rng.integers(8, 18), len(t)))
             kept = kept[rng.random(len(kept)) < 0.85]
-            wild = rng.normal(0, 40, (len(kept), 2)) * (rng.random((len(kept), 1)) < 0.04)
+            wild = rng.normal(0, 40, (len(kept), 2)) * (
+                rng.random((len(kept), 1)) < 0.04
+            )
             row, col = (place[kept] + rng.normal(0, 1.5, (len(kept), 2)) + wild).T
             z = np.where(rng.random(len(kept)) < 0.3, np.nan, depth[kept])
             if len(kept):

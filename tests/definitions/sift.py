@@ -38,7 +38,9 @@ def localised(stack, sample, threshold, edge):
         offset = np.linalg.solve(hessian, -gradient)
         move = np.where(np.abs(offset[1:]) > 0.6, np.sign(offset[1:]), 0).astype(int)
         goal = np.add([y, x], move)
-        goal = np.where((goal >= 1) & (goal < np.array(stack.shape[1:]) - 1), goal, [y, x])
+        goal = np.where(
+            (goal >= 1) & (goal < np.array(stack.shape[1:]) - 1), goal, [y, x]
+        )
         if step == 2 or (goal == [y, x]).all():
             break
         y, x = (int(g) for g in goal)

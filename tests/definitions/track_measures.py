@@ -6,10 +6,14 @@ import numpy as np
 
 
 def filled(table):
-    """Return particle -> frame -> (position, whether there is a row), gaps on straight lines."""
+    """Return particle -> frame -> (position, whether there is a row), gaps on straight
+    lines.
+    """
     tracks = {}
     for particle, of_one in table.groupby("particle"):
-        at = {frame: np.array(rest) for frame, _, *rest in of_one.itertuples(index=False)}
+        at = {
+            frame: np.array(rest) for frame, _, *rest in of_one.itertuples(index=False)
+        }
         tracks[particle] = {}
         for frame in range(min(at), max(at) + 1):
             before = max(f for f in at if f <= frame)

@@ -9,7 +9,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.definitions import clusters as plain
 
-from kilnflight.detection import CLUSTERERS, DBSCAN, MorphologicalClustering, QuasiClusterCenters
+from kilnflight.detection import (
+    CLUSTERERS,
+    DBSCAN,
+    MorphologicalClustering,
+    QuasiClusterCenters,
+)
 from kilnflight.detection.dbscan import k_distances
 from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.publication import claims
@@ -28,7 +33,9 @@ def uneven(seed, count=150):
     rng = np.random.default_rng(seed)
     middles = rng.uniform(0, 30, (5, 3))
     spread = rng.normal(0, 2, (count, 3)) * rng.uniform(0, 2, (count, 1))
-    return np.concatenate([middles[rng.integers(0, 5, count)] + spread, rng.uniform(0, 30, (9, 3))])
+    return np.concatenate(
+        [middles[rng.integers(0, 5, count)] + spread, rng.uniform(0, 30, (9, 3))]
+    )
 
 
 def same_as_scikit_learn(points, eps, min_points):
@@ -41,7 +48,9 @@ def same_as_scikit_learn(points, eps, min_points):
 
 
 @given(seeds, st.integers(1, 60), st.integers(1, 7), st.integers(1, 30))
-def test_dbscan_with_ties_at_eps_and_on_clouds_of_uneven_density(seed, count, width, min_points):
+def test_dbscan_with_ties_at_eps_and_on_clouds_of_uneven_density(
+    seed, count, width, min_points
+):
     """Of two clusters, a border point goes to the first, as in scikit-learn."""
     for eps in (1, 2, 5):
         same_as_scikit_learn(lattice(seed, count, width), eps, 1 + min_points % 12)
@@ -61,13 +70,17 @@ def test_morphology_is_the_dilation_of_a_full_grid(seed, grid):
 def test_quasi_centers_are_the_definition_in_sets(seed, k):
     for points in (uneven(seed, 90), lattice(seed, 1 + seed % 70, 1 + seed % 6)):
         for shape in ((1, 1, 1), (1, 1, 1000), (0, 1, 0), (0, 0, 0)):
-            neighbors = plain.neighbors_by_sorting(points * shape, k)  # ties in the cloud's order
+            neighbors = plain.neighbors_by_sorting(
+                points * shape, k
+            )  # ties in the cloud's order
             found = nearest_neighbors(points * shape, k + 7)
             np.testing.assert_array_equal(found[:, :k], neighbors)
         neighbors = plain.neighbors_by_sorting(points, k)
         for alpha in (0.0, 0.1, 0.5, 1.0, 3.0):
             expected = plain.quasi_centers(points, k, alpha, neighbors)
-            np.testing.assert_array_equal(QuasiClusterCenters(k, alpha)(points), expected)
+            np.testing.assert_array_equal(
+                QuasiClusterCenters(k, alpha)(points), expected
+            )
 
 
 def test_a_long_line_of_equal_steps_is_one_cluster():
@@ -83,7 +96,9 @@ def test_the_order_of_points_and_a_shift_change_nothing(clusterer, seed, shift):
     exact = np.round(points * 8) / 8  # eighths of a millimetre: differences are exact
     np.testing.assert_array_equal(clusterer(exact), clusterer(exact + np.array(shift)))
     if isinstance(clusterer, DBSCAN):
-        clusterer = replace(clusterer, min_points=1)  # without border points there are no ties
+        clusterer = replace(
+            clusterer, min_points=1
+        )  # without border points there are no ties
     order = np.random.default_rng(seed).permutation(len(points))
     expected = plain.renumbered(clusterer(points)[order])
     np.testing.assert_array_equal(plain.renumbered(clusterer(points[order])), expected)
@@ -100,4 +115,6 @@ def test_the_order_of_points_and_a_shift_change_nothing(clusterer, seed, shift):
 def test_defaults_are_the_best_published_parameters(clusterer, table, columns):
     rows = claims.published(table)
     best = rows.loc[(rows.TP / (rows.TP + (rows.FP + rows.FN) / 2)).idxmax()]
-    assert {columns[name]: best[name] for name in columns}.items() <= asdict(clusterer).items()
+    assert {columns[name]: best[name] for name in columns}.items() <= asdict(
+        clusterer
+    ).items()

@@ -26,7 +26,9 @@ def test_ties_go_to_the_lowest_level_and_floats_are_rounded():
 
 
 @pytest.mark.parametrize("detect", DETECTORS_2D)
-@pytest.mark.parametrize("shape", [(0, 0), (0, 9), (1, 1), (1, 50), (2, 2), (5, 3), (64, 64)])
+@pytest.mark.parametrize(
+    "shape", [(0, 0), (0, 9), (1, 1), (1, 50), (2, 2), (5, 3), (64, 64)]
+)
 def test_without_contrast_there_is_nothing(detect, shape):
     for kind in (np.uint8, np.int32, np.float64):
         assert detect(np.full(shape, 200, dtype=kind)).shape == (0, 3)
@@ -46,7 +48,9 @@ def test_what_is_below_the_least_value_is_noise():
     assert len(Otsu()(image)) > 0
     assert len(Otsu(9.0)(image)) == 0
     image[10:16, 20:25] += 12
-    np.testing.assert_allclose(Otsu(9.0)(image), [[12.5, 22, np.sqrt(30 / np.pi)]], atol=0.3)
+    np.testing.assert_allclose(
+        Otsu(9.0)(image), [[12.5, 22, np.sqrt(30 / np.pi)]], atol=0.3
+    )
 
 
 def test_the_flame_is_what_is_bright_in_its_rectangle():

@@ -17,7 +17,9 @@ def test_hills_are_counted_highest_first_and_areas_clipped():
     image = sum(t * np.exp(-((row - r) ** 2 + (col - c) ** 2) / 8) for r, c, t in hills)
     image = image.astype(np.float32)
     assert find_peaks(image, WHOLE, 10.0)[:, 2] == pytest.approx([100.0, 50.0], abs=0.1)
-    areas = np.array([WHOLE, [20, 99, 30, 99], [0, 2, 0, 2], [-5, 20, -5, 30], [-9, -3, -9, -3]])
+    areas = np.array(
+        [WHOLE, [20, 99, 30, 99], [0, 2, 0, 2], [-5, 20, -5, 30], [-9, -3, -9, -3]]
+    )
     found = [find_peaks(image, area, 10.0)[:, :2].tolist() for area in areas]
     assert found == [[[10, 12], [25, 40]], [[25, 40]], [], [[10, 12]], []]
 
@@ -34,10 +36,16 @@ def test_areas_have_peaks_exactly_where_peaks_are_found(seed):
     shape = (60, 80) if seed % 4 else (180, 220)
     image = generator.normal(size=shape).astype(np.float32)
     image = cv2.GaussianBlur(image, (0, 0), shape[0] / 60 * generator.uniform(0.3, 4))
-    image = np.round(4 * image / image.std()) if seed % 3 == 0 else image  # many equal pixels
-    areas = np.hstack([np.sort(generator.integers(-3, n + 4, (30, 2)), axis=1) for n in shape])
+    image = (
+        np.round(4 * image / image.std()) if seed % 3 == 0 else image
+    )  # many equal pixels
+    areas = np.hstack(
+        [np.sort(generator.integers(-3, n + 4, (30, 2)), axis=1) for n in shape]
+    )
     prominence = image.std() * generator.uniform(0.3, 4)
-    before = generator.integers(0, 9, shape).astype(np.float32)  # whole, so that pixels stay equal
+    before = generator.integers(0, 9, shape).astype(
+        np.float32
+    )  # whole, so that pixels stay equal
     evidence = Evidence(image + before, before, prominence, prominence, 0.1)
     seen = np.abs(evidence.gray - before)
     assert evidence.moved(areas).tolist() == [
@@ -46,9 +54,13 @@ def test_areas_have_peaks_exactly_where_peaks_are_found(seed):
 
 
 def test_the_noise_sets_the_threshold_and_is_hardly_ever_real():
-    pairs = np.random.default_rng(0).normal(5000, 20, (20, 2, 120, 160)).astype(np.uint16)
+    pairs = (
+        np.random.default_rng(0).normal(5000, 20, (20, 2, 120, 160)).astype(np.uint16)
+    )
     still = [Evidence.of(*pair, prominence=5.0, share=0.1) for pair in pairs]
     smoothed = 20.0 / (2 * np.sqrt(np.pi))
     assert still[0].threshold == pytest.approx(5 * smoothed, rel=0.05)
-    assert still[0].change_threshold == pytest.approx(5 * smoothed * np.sqrt(2), rel=0.05)
+    assert still[0].change_threshold == pytest.approx(
+        5 * smoothed * np.sqrt(2), rel=0.05
+    )
     assert sum(evidence.real(AREA) for evidence in still) <= 1

@@ -15,7 +15,9 @@ SEED = st.integers(0, 1000)
 
 def gaussian(shape, place, sigma, height=30_000.0):
     rows, cols = np.ogrid[: shape[0], : shape[1]]
-    return height * np.exp(-((rows - place[0]) ** 2 + (cols - place[1]) ** 2) / (2 * sigma**2))
+    return height * np.exp(
+        -((rows - place[0]) ** 2 + (cols - place[1]) ** 2) / (2 * sigma**2)
+    )
 
 
 @pytest.mark.parametrize("sigma", [2.5, 4.5, 13.0])
@@ -28,7 +30,9 @@ def test_a_gaussian_blob_gives_its_place_and_size(sigma, place):
 
 def test_a_plateau_is_one_particle_and_holes_and_edges_are_none():
     rows, cols = np.ogrid[:200, :200]
-    plateau = np.where((rows - 90) ** 2 + (cols - 110) ** 2 <= 30**2, 65535, 0).astype(np.uint16)
+    plateau = np.where((rows - 90) ** 2 + (cols - 110) ** 2 <= 30**2, 65535, 0).astype(
+        np.uint16
+    )
     np.testing.assert_allclose(DoG()(plateau), [[90, 110, 30]], atol=0.6)
     even = np.zeros((64, 64), dtype=np.uint16)
     even[28:36, 28:36] = 50_000  # four equal samples in the middle
@@ -48,7 +52,10 @@ def scene(seed, shape=(90, 120), blobs=5):
 
 
 def assert_defined(image, *parameters, atol=1e-3, **edge):
-    actual, expected = DoG(*parameters, **edge)(image), keypoints(image, *parameters, **edge)
+    actual, expected = (
+        DoG(*parameters, **edge)(image),
+        keypoints(image, *parameters, **edge),
+    )
     assert len(actual) == len(expected) > 0
     near = np.abs(actual[:, None] - expected[None]).max(axis=2)
     assert max(near.min(axis=1).max(), near.min(axis=0).max()) < atol
@@ -65,15 +72,23 @@ def test_it_is_the_plain_definition(shape):
 
 
 def test_a_blob_is_found_up_to_its_ratio_of_curvatures():
-    """The curvatures of a Gaussian of 4 px by 12 px differ by some nine times in its middle."""
+    """The curvatures of a Gaussian of 4 px by 12 px differ by some nine times in its
+    middle.
+    """
     row, col = np.ogrid[:120, :160]
     long = 30_000 * np.exp(-((row - 60) ** 2) / 32 - (col - 80) ** 2 / 288)
     counts = [len(DoG(500.0, edge=edge)(long)) for edge in (1.5, 4.0, 30.0)]
     assert counts == [0, 0, 1]
 
 
-@given(SEED, st.lists(st.floats(60.0, 3000.0), min_size=1), st.sampled_from([0.25, 2.0, 8.0]))
-def test_one_call_answers_for_every_higher_threshold_and_thresholds_scale(seed, thresholds, factor):
+@given(
+    SEED,
+    st.lists(st.floats(60.0, 3000.0), min_size=1),
+    st.sampled_from([0.25, 2.0, 8.0]),
+)
+def test_one_call_answers_for_every_higher_threshold_and_thresholds_scale(
+    seed, thresholds, factor
+):
     """Bit for bit, and in the same order."""
     image = scene(seed)
     every = DoG(min(thresholds)).graded(image)

@@ -27,7 +27,9 @@ def test_a_rate_recomputed_by_hand(checks):
     """Table 5.10, K = 30, alpha = 0.1: the F1 that decides which 3D method is best."""
     row = claims.published("table_5.10").set_index(["K", "alpha"]).loc[(30, 0.1)]
     by_hand = 2 * row["TP"] / (2 * row["TP"] + row["FP"] + row["FN"])
-    check = checks.set_index(["where", "quantity"]).loc[("Table 5.10, K=30, alpha=0.1", "f1")]
+    check = checks.set_index(["where", "quantity"]).loc[
+        ("Table 5.10, K=30, alpha=0.1", "f1")
+    ]
     assert check["recomputed"] == pytest.approx(by_hand)
     assert (check["printed"], check["agrees"]) == ("0.6210", False)
 
@@ -36,7 +38,9 @@ def test_every_cell_of_every_rate_table_is_checked(checks):
     for table in errata.RATE_TABLES:
         rows = len(claims.published(f"table_{table}"))
         of_table = checks[checks["where"].str.startswith(f"Table {table},")]
-        assert of_table["quantity"].isin(["precision", "recall", "f1"]).sum() == 3 * rows
+        assert (
+            of_table["quantity"].isin(["precision", "recall", "f1"]).sum() == 3 * rows
+        )
 
 
 def test_every_erratum_says_whether_a_conclusion_depends_on_it(checks):
@@ -50,7 +54,9 @@ def test_every_erratum_says_whether_a_conclusion_depends_on_it(checks):
 
 
 def test_one_lance_fits_both_printed_flows_at_the_pressure_of_the_feed(monkeypatch):
-    """By hand, for flows at the outlet: 79 mm (4.5 m/s: 74.4) and 41 mm (15.5 m/s: 41.8)."""
+    """By hand, for flows at the outlet: 79 mm (4.5 m/s: 74.4) and 41 mm (15.5 m/s:
+    41.8).
+    """
     assert errata.lance_bores_apart() == 0.0
     monkeypatch.setattr(errata, "AMBIENT_BAR", 1e12)  # no expansion
     assert errata.lance_bores_apart() == pytest.approx(32.6, abs=0.1)

@@ -16,7 +16,9 @@ def test_open_bounds_have_arrows_and_no_printed_value_is_cut_off(axes):
 
 
 def test_no_line_is_drawn_where_a_track_misses_frames():
-    tracks = pd.DataFrame({"particle": [1, 1, 1, 2], "frame": [3, 4, 7, 9], "row": [0.0, 1, 5, 2]})
+    tracks = pd.DataFrame(
+        {"particle": [1, 1, 1, 2], "frame": [3, 4, 7, 9], "row": [0.0, 1, 5, 2]}
+    )
     broken = plots.broken_at_gaps(tracks.assign(col=2.0))
     assert broken["particle"].tolist() == [1] * 4 + [2]
     assert broken["frame"].tolist() == [3, 4, 6, 7, 9]

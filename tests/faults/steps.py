@@ -1,11 +1,21 @@
-"""Public steps, each with arguments that are right, and faults that are documented as allowed."""
+"""Public steps, each with arguments that are right, and faults that are documented as
+allowed.
+"""
 
 from functools import partial
 
 import numpy as np
 import pandas as pd
 from tests.recording.test_files import FILM, KINDS
-from tests.test_contracts import CLUSTERERS, DETECTORS, EXIT, blobs, cloud, flights, one_flight
+from tests.test_contracts import (
+    CLUSTERERS,
+    DETECTORS,
+    EXIT,
+    blobs,
+    cloud,
+    flights,
+    one_flight,
+)
 
 import kilnflight
 from kilnflight import background, belt, camera, flight
@@ -32,15 +42,21 @@ def on_belt():
     frame, particle = np.divmod(np.arange(200), 5)
     time = frame / 100
     x, y = 400 + (1200 + 20 * particle) * time, 20 + 30.0 * particle + 15 * time
-    table = pd.DataFrame({"frame": frame, "particle": particle, "time_s": time, "x": x, "y": y})
+    table = pd.DataFrame(
+        {"frame": frame, "particle": particle, "time_s": time, "x": x, "y": y}
+    )
     return table[x < 900].reset_index(drop=True)
 
 
 def models(last, arrival):
     """Return what every model of the belt predicts after its calibration."""
-    arrives = [m.calibrated(last, arrival, 788.0)(last, 788.0) for m in belt.ARRIVAL_MODELS]
+    arrives = [
+        m.calibrated(last, arrival, 788.0)(last, 788.0) for m in belt.ARRIVAL_MODELS
+    ]
     left = arrives[2] - np.asarray(last["time_s"], float)
-    return arrives + [m.calibrated(last, arrival)(last, left) for m in belt.LATERAL_MODELS]
+    return arrives + [
+        m.calibrated(last, arrival)(last, left) for m in belt.LATERAL_MODELS
+    ]
 
 
 def scored(axes, truth, candidate, gate):
@@ -59,7 +75,9 @@ SEEN = PHASE.observe(on_belt())
 MANY = np.arange(30.0)
 CORNERS = np.array([[50.0, 40.0], [50.0, 500.0], [250.0, 500.0], [250.0, 40.0]])
 ANGLE = RNG.random(200) * 6
-PIPE = np.stack([2000 * np.cos(ANGLE), 2000 * np.sin(ANGLE), 5000 + 3000 * RNG.random(200)], 1)
+PIPE = np.stack(
+    [2000 * np.cos(ANGLE), 2000 * np.sin(ANGLE), 5000 + 3000 * RNG.random(200)], 1
+)
 BANDS = pd.DataFrame(
     {"frame": (f := np.arange(300) // 10), "x": 20.0 * f + 3 * np.arange(300) % 30}
 )
@@ -68,7 +86,10 @@ LIT, FIT = 500.0 + (np.arange(40) > 20) * 900.0, regress(FLOWN, EXIT, 100.0)
 FITTED = regress_all(FLOWN, EXIT, 100.0)
 FILE = TRACKS.assign(gray=500.0)[["frame", "particle", "row", "col", "gray", *"xyz"]]
 GAPS = "x:nan y:nan z:nan"
-DEPTH = f"z:missing points:nan points:missing points:below points:far+below points:a+fraction points:beyond {GAPS}"
+DEPTH = (
+    "z:missing points:nan points:missing points:below points:far+below "
+    f"points:a+fraction points:beyond {GAPS}"
+)
 
 # call, arguments, faults that change nothing or are documented
 STEPS_AND_INPUT = {

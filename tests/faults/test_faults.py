@@ -68,7 +68,9 @@ def of_step(fault, seed):
     call, arguments, allowed = STEPS_AND_INPUT[step]
     wrong = make(arguments[name], np.random.default_rng(seed))
     words = {
-        f"{of}:{what}" for of in (column or name, "*") for what in (kind.replace(" ", "+"), "*")
+        f"{of}:{what}"
+        for of in (column or name, "*")
+        for what in (kind.replace(" ", "+"), "*")
     }
     documented = bool(words & set(allowed.split()) - {"*:*"})
     expected = clean(step)
@@ -81,17 +83,24 @@ def of_step(fault, seed):
 def of_file(fault, seed):
     """Return what becomes of a file of which some bytes are wrong.
 
-    Most formats have no checksum, so grey values or cells may differ; of a recording none may.
+    Most formats have no checksum, so grey values or cells may differ; of a recording
+    none may.
     """
     name, kind = fault
     (make, read), rng = FILES[name], np.random.default_rng(seed)
     with TemporaryDirectory() as folder:
         make(path := Path(folder, name))
         whole = read(path)
-        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+        files = (
+            [path]
+            if path.is_file()
+            else sorted(p for p in path.rglob("*") if p.is_file())
+        )
         one = files[rng.integers(len(files))]
         one.write_bytes(BYTES[kind](one.read_bytes(), rng))
-        same = equal if name.endswith("zarr") else lambda a, b: np.shape(a) == np.shape(b)
+        same = (
+            equal if name.endswith("zarr") else lambda a, b: np.shape(a) == np.shape(b)
+        )
         return outcome(lambda: read(path), lambda result: same(whole, result))
 
 
@@ -108,15 +117,24 @@ def test_a_fault_of_a_file_is_refused_or_seen_in_values_only(fault, seed):
 
 
 def count(seeds):
-    """Print what becomes of every fault, with several seeds, and return whether all is well."""
+    """Print what becomes of every fault, with several seeds, and return whether all is
+    well.
+    """
     rows = []
     for try_it, every in ((of_step, OF_STEPS), (of_file, OF_FILES)):
         for fault in every:
             found = Counter(try_it(fault, seed) for seed in range(seeds))
             bad = {what: n for what, n in found.items() if what not in OUTCOMES[:2]}
             print(*fault[:4], bad) if bad else None
-            rows.append({"of": fault[0].split(".")[-1] if try_it is of_file else fault[0], **found})
-    table = pd.DataFrame(rows, columns=["of", *OUTCOMES]).groupby("of").sum().astype(int)
+            rows.append(
+                {
+                    "of": fault[0].split(".")[-1] if try_it is of_file else fault[0],
+                    **found,
+                }
+            )
+    table = (
+        pd.DataFrame(rows, columns=["of", *OUTCOMES]).groupby("of").sum().astype(int)
+    )
     table.insert(0, "faults", table.sum(axis=1))
     print(pd.concat([table, table.sum().to_frame("all").T]).to_string())
     return not table[list(OUTCOMES[2:])].to_numpy().any()

@@ -37,10 +37,17 @@ def test_a_device_and_a_link_stay_what_they_are(tmp_path):
     for target in ("a", "no/b", "."):
         with pytest.raises(InputError, match=str(tmp_path)):
             write_whole(tmp_path / target, b"")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "link", "real"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "a",
+        "b",
+        "link",
+        "real",
+    ]
 
 
-def test_names_are_printed_escaped_and_texts_do_not_compute(tmp_path, monkeypatch, capsys):
+def test_names_are_printed_escaped_and_texts_do_not_compute(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     np.save(name := f"{BLACK.decode()}.npy", FILM)
     main(["info", name])
@@ -50,7 +57,8 @@ def test_names_are_printed_escaped_and_texts_do_not_compute(tmp_path, monkeypatc
     assert "\x1b" not in printed.out + printed.err
     assert "\\x1b[30m" in printed.out
     assert (
-        csv_of(pd.DataFrame({"a": ["=1+1", "b"], "n": [-1.0, 2.0]})) == "a,n\n'=1+1,-1.0\nb,2.0\n"
+        csv_of(pd.DataFrame({"a": ["=1+1", "b"], "n": [-1.0, 2.0]}))
+        == "a,n\n'=1+1,-1.0\nb,2.0\n"
     )
 
 
@@ -67,7 +75,9 @@ def elsewhere(path, virtual):
             layout[:] = h5py.VirtualSource("other.h5", "film", FILM.shape)
             file.create_virtual_dataset("film", layout)
         else:
-            file.create_dataset("film", FILM.shape, "u1", external=[(raw, 0, FILM.size)])
+            file.create_dataset(
+                "film", FILM.shape, "u1", external=[(raw, 0, FILM.size)]
+            )
 
 
 @pytest.mark.parametrize(
@@ -81,7 +91,9 @@ def elsewhere(path, virtual):
         ("pipe", lambda path: os.mkfifo(path)),
     ],
 )
-def test_what_would_fill_the_memory_read_other_files_or_hang_is_refused(name, make, tmp_path):
+def test_what_would_fill_the_memory_read_other_files_or_hang_is_refused(
+    name, make, tmp_path
+):
     make(tmp_path / name)
     with pytest.raises(InputError, match=name):
         open_any(tmp_path / name)
@@ -102,7 +114,9 @@ def test_a_recording_that_was_edited_or_mixed_is_told(tmp_path, capsys):
 
 
 def test_numbers_that_mean_other_pixels_are_refused(tmp_path):
-    made = write_recording(open_any(FILM, frame_rate_hz=np.float64(50.0)), tmp_path / "a.zarr")
+    made = write_recording(
+        open_any(FILM, frame_rate_hz=np.float64(50.0)), tmp_path / "a.zarr"
+    )
     kept = (about := made.path / "gray" / "zarr.json").read_text()
     about.write_text(kept.replace('"little"', '"big"'))
     assert about.read_text() != kept
@@ -140,10 +154,24 @@ def test_a_film_runs_beside_its_tables_and_is_never_a_target(tmp_path, monkeypat
         run_recording(FILM, "out")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL]
+)
 def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path):
-    command = ["run", str(stored_flights), "--to", str(tmp_path), "--jobs", "2", "--threshold", "9"]
-    code = "from kilnflight import chain, __main__; chain.CHUNK_FRAMES = 2; __main__.main()"
+    command = [
+        "run",
+        str(stored_flights),
+        "--to",
+        str(tmp_path),
+        "--jobs",
+        "2",
+        "--threshold",
+        "9",
+    ]
+    code = (
+        "from kilnflight import chain, __main__; chain.CHUNK_FRAMES = 2; "
+        "__main__.main()"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", code, *command], stdout=subprocess.PIPE, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),

@@ -20,15 +20,24 @@ LANCE = np.array([-64.9, 213.9, 5856.0])  # of the small twin, depth calibrated
 def detections(count, start=LANCE, depth=lambda z: z):
     """Return one particle's detections, from ``start`` towards the camera.
 
-    Another ``depth`` leaves places on their pixels' rays, as an error of the camera does.
+    Another ``depth`` leaves places on their pixels' rays, as an error of the camera
+    does.
     """
     frame = np.arange(count)
     time = (frame + 2) / 330.0
-    scatter = np.random.default_rng(0).normal(0.0, 1.0, (20, 3))[:count] * (2.0, 2.0, 20.0)
-    way = np.stack([400 * time, 900 * time - 2000 * time**2, -6000 * time + 2000 * time**2], 1)
+    scatter = np.random.default_rng(0).normal(0.0, 1.0, (20, 3))[:count] * (
+        2.0,
+        2.0,
+        20.0,
+    )
+    way = np.stack(
+        [400 * time, 900 * time - 2000 * time**2, -6000 * time + 2000 * time**2], 1
+    )
     places = start + way + scatter
     x, y, z = (places * (depth(places[:, 2]) / places[:, 2])[:, None]).T
-    table = pd.DataFrame({"frame": frame, "row": 100.0 + 3 * frame, "col": 60.0 + 4 * frame})
+    table = pd.DataFrame(
+        {"frame": frame, "row": 100.0 + 3 * frame, "col": 60.0 + 4 * frame}
+    )
     table = table.assign(radius_px=3.0, gray=5000.0 + np.sin(7.0 * frame))
     return DETECTIONS.check(table.assign(x=x, y=y, z=z, points=5, case=1))
 
@@ -47,13 +56,17 @@ def prepared(stored_flights, tmp_path_factory):
 
 @pytest.fixture
 def outcome(prepared, tmp_path, monkeypatch):
-    """Return a function from detections to the tables, the summary and the doubts of a run."""
+    """Return a function from detections to the tables, the summary and the doubts of a
+    run.
+    """
 
     def run_with(table):
         monkeypatch.setattr(chain.DetectionRun, "detections", lambda _: table)
         ready, _ = prepared
         object.__setattr__(ready.detection, "folder", tmp_path)
-        tables = {"detections": table} | {step: ready.table(step)() for step in chain.CHAIN_STEPS}
+        tables = {"detections": table} | {
+            step: ready.table(step)() for step in chain.CHAIN_STEPS
+        }
         value, doubtful = summary(tables), " ".join(doubts(tables))
         assert not re.search(r"\b(?:nan|inf)\b", f"{value} {doubtful}", re.IGNORECASE)
         return tables, value, doubtful
@@ -88,7 +101,9 @@ def test_a_jump_of_three_metres_is_cut(outcome, by):
     tables, _, _ = outcome(detections(20, depth=lambda z: z + jump))
     tracks = tables["tracks"].query("particle >= 0")
     assert tracks["particle"].nunique() == 2
-    sides = tracks.assign(late=tracks["frame"] >= 10).groupby("particle")["late"].nunique()
+    sides = (
+        tracks.assign(late=tracks["frame"] >= 10).groupby("particle")["late"].nunique()
+    )
     assert (sides == 1).all()
     assert (tables["slices"]["velocity_m_s"].abs() <= 32).all()
 

@@ -1,4 +1,6 @@
-"""Films of other kinds than the kiln's: particles that are found, tracked, or warned about."""
+"""Films of other kinds than the kiln's: particles that are found, tracked, or warned
+about.
+"""
 
 from pathlib import Path
 
@@ -15,20 +17,36 @@ from kilnflight.film.settings import Options
 from kilnflight.scores import score_detections, score_tracks
 
 ROD, OTSU = {"kind": "rod", "size": (20, 3)}, {"detector": "otsu"}
-# film, options, least recall and precision (where nothing is warned about), what the summary says
+# film, options, least recall and precision (where nothing is warned about), what the
+# summary says
 KINDS = {
     "resting": ({"drift": (0, 0)}, {}, 0.95, "none"),
     "nearly resting": ({"drift": (0, 0), "diffusion": 0.1}, {}, 0.9, ""),
-    "faint in 16 bit": ({"amplitude": 10, "base": 500, "dtype": np.uint16}, {}, 0.9, ""),
+    "faint in 16 bit": (
+        {"amplitude": 10, "base": 500, "dtype": np.uint16},
+        {},
+        0.9,
+        "",
+    ),
     "flicker": ({"flicker": 0.05, "base": 150, "amplitude": 40}, {}, 0.9, "brought to"),
-    "shaking texture": ({"texture": 10, "shake": 1.0, "frames": 25}, {}, 0.8, "shakes by"),
+    "shaking texture": (
+        {"texture": 10, "shake": 1.0, "frames": 25},
+        {},
+        0.8,
+        "shakes by",
+    ),
     "discs": ({"kind": "disc", "size": 5}, {"size": 10}, 0.9, ""),
     "discs by area": ({"kind": "disc", "size": 5, "frames": 25}, OTSU, 0.9, ""),
     "rings": ({"kind": "ring", "size": 4}, {"size": 8}, 0.9, ""),
     "rods by area": (ROD, OTSU, 0.8, ""),
     "streaks by area": (ROD | {"size": (14, 2), "drift": (0, 5)}, OTSU, 0.8, ""),
     "rods as spots": (ROD, {}, 0.0, "--detector otsu"),
-    "flow of 120": ({"cells": (10, 12), "pitch": 18, "drift": (0, 11), "frames": 9}, {}, 0.9, ""),
+    "flow of 120": (
+        {"cells": (10, 12), "pitch": 18, "drift": (0, 11), "frames": 9},
+        {},
+        0.9,
+        "",
+    ),
     "two frames": ({"frames": 2}, {}, 0.9, "none (only 2"),
     "one frame": ({"frames": 1}, {}, 0.9, "none (only 1"),
     "dark": ({"amplitude": -60}, {"dark": True}, 0.9, ""),
@@ -42,7 +60,9 @@ WARNED = ("shaking texture", "rods as spots")
 def rates(truth, found):
     """Return recall and precision of detections."""
     frames = set(truth["frame"])
-    both = [[table[table["frame"] == t][PIXEL] for table in (truth, found)] for t in frames]
+    both = [
+        [table[table["frame"] == t][PIXEL] for table in (truth, found)] for t in frames
+    ]
     right = sum(score_detections(*each, gate=3.0).tp for each in both)
     return right / len(truth), right / max(len(found), 1)
 
@@ -68,12 +88,16 @@ def small():
 
 
 def write(path, pictures, numbers=range(999)):
-    """Write a film as the ending asks for; a folder has the name of its pictures' ending."""
+    """Write a film as the ending asks for; a folder has the name of its pictures'
+    ending.
+    """
     if path.suffix == ".npy":
         np.save(path, pictures)
     elif path.suffix:
         codec = cv2.VideoWriter_fourcc(*("FFV1" if path.suffix == ".avi" else "mp4v"))
-        writer = cv2.VideoWriter(str(path), codec, 25.0, pictures.shape[2:0:-1], isColor=False)
+        writer = cv2.VideoWriter(
+            str(path), codec, 25.0, pictures.shape[2:0:-1], isColor=False
+        )
         for picture in pictures:
             writer.write(picture)
         writer.release()
@@ -97,11 +121,15 @@ def test_what_is_compressed_or_scaled_is_found_as_well(name, small, tmp_path):
     assert min(rates(small[2], kilnflight.detect(tmp_path / name))) > 0.9
 
 
-def test_a_film_of_0_and_1_is_scaled_and_particles_that_rest_among_others_are_told_of(small):
+def test_a_film_of_0_and_1_is_scaled_and_particles_that_rest_among_others_are_told_of(
+    small,
+):
     masks = small[0] > 125
     for source in (masks, masks.astype(np.uint8)):
         assert rates(small[2], kilnflight.detect(source))[0] > 0.9
-    moving, resting = (film(frames=12, cells=(4, 4), drift=(0, step))[0] for step in (3, 0))
+    moving, resting = (
+        film(frames=12, cells=(4, 4), drift=(0, step))[0] for step in (3, 0)
+    )
     both = np.concatenate([moving, resting], axis=2)
     assert "count as background" in str(choose(kilnflight.open(both), Options())[2])
 
@@ -114,7 +142,9 @@ def test_a_table_in_steps_is_linked_and_keeps_its_numbers(small):
     pd.testing.assert_frame_equal(tracks, kilnflight.track(table))
 
 
-def test_a_run_writes_tables_and_pictures_and_keeps_to_its_options(small, tmp_path, monkeypatch):
+def test_a_run_writes_tables_and_pictures_and_keeps_to_its_options(
+    small, tmp_path, monkeypatch
+):
     pictures, found, truth = small
     monkeypatch.chdir(tmp_path)
     write(Path("png"), pictures)
@@ -124,9 +154,16 @@ def test_a_run_writes_tables_and_pictures_and_keeps_to_its_options(small, tmp_pa
     pd.testing.assert_frame_equal(pd.read_parquet("png-run/detections.parquet"), found)
     part = ["--roi", "0", "44", "10", "88", "--frames", "2", "10", "--max-step", "4"]
     main(["run", "png", *part, "--background", "none", "--size", "5"])
-    assert len(list(Path("png-run/parts").glob("recording-*.zarr"))) == 1  # one copy serves both
+    assert (
+        len(list(Path("png-run/parts").glob("recording-*.zarr"))) == 1
+    )  # one copy serves both
     found = pd.read_parquet("png-run/detections.parquet")
-    words = {"roi": (0, 44, 10, 88), "frames": (2, 10), "background": "none", "size": 5.0}
+    words = {
+        "roi": (0, 44, 10, 88),
+        "frames": (2, 10),
+        "background": "none",
+        "size": 5.0,
+    }
     pd.testing.assert_frame_equal(found, kilnflight.detect(pictures, **words))
     assert found["row"].max() < 44
     assert found["frame"].agg(["min", "max"]).tolist() == [2, 9]
@@ -146,12 +183,19 @@ def test_a_track_goes_on_over_frames_that_are_missing(small, tmp_path):
 
 
 def spoiled(pictures):
-    return np.where(np.arange(pictures.size).reshape(pictures.shape) == 5e4, np.nan, pictures / 255)
+    return np.where(
+        np.arange(pictures.size).reshape(pictures.shape) == 5e4, np.nan, pictures / 255
+    )
 
 
 BAD = [  # the film, its change, options, what the line names
     ("png", lambda film: [*film[:5], film[5, 1:]], "", "frame 5"),
-    ("png", lambda film: [*film[:5], np.dstack([film[5], film[5], film[6]])], "", "frame 5"),
+    (
+        "png",
+        lambda film: [*film[:5], np.dstack([film[5], film[5], film[6]])],
+        "",
+        "frame 5",
+    ),
     ("a.npy", np.array, "--channel red", "red"),
     ("a.npy", spoiled, "", "frame 4"),
     ("a.npy", np.array, "--to a.npy", "a.npy"),  # a file is in the way
@@ -182,9 +226,15 @@ TABLES = {  # of other programs, made of frame, particle, row, col
     "index": lambda table: table.set_index("frame"),
     "index and column": lambda table: table.set_index("frame", drop=False),
     "levels": lambda table: table.set_index(["frame", "particle"]),
-    "levels and columns": lambda table: table.set_index(["frame", "particle"], drop=False),
-    "Int64": lambda table: table.astype({"frame": "Int64", "particle": "Int64", "col": "Float64"}),
-    "category": lambda table: table.astype({"frame": "category", "particle": "category"}),
+    "levels and columns": lambda table: table.set_index(
+        ["frame", "particle"], drop=False
+    ),
+    "Int64": lambda table: table.astype(
+        {"frame": "Int64", "particle": "Int64", "col": "Float64"}
+    ),
+    "category": lambda table: table.astype(
+        {"frame": "category", "particle": "category"}
+    ),
     "floats": lambda table: table.astype(float),
 }
 

@@ -42,7 +42,9 @@ def command(stored_flights):
 
 
 def contents(folder):
-    files = (file for file in folder.rglob("*") if file.is_file() and file.suffix != ".lock")
+    files = (
+        file for file in folder.rglob("*") if file.is_file() and file.suffix != ".lock"
+    )
     return {file.relative_to(folder): file.read_bytes() for file in files}
 
 
@@ -57,7 +59,9 @@ def expected(command, tmp_path_factory):
 
 
 @pytest.mark.parametrize("step", [1, 3, 5, 7, 12])
-def test_a_killed_run_continues_and_ends_in_the_same_bytes(step, command, expected, tmp_path):
+def test_a_killed_run_continues_and_ends_in_the_same_bytes(
+    step, command, expected, tmp_path
+):
     call = [sys.executable, "-c", KILLED, str(step), *command(tmp_path)]
     assert subprocess.run(call, check=False).returncode == -9
     made = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.parquet")}
@@ -70,7 +74,9 @@ def test_a_killed_run_continues_and_ends_in_the_same_bytes(step, command, expect
 
 def test_two_processes_write_the_same_bytes(command, expected, tmp_path):
     call = [sys.executable, "-c", KILLED, "-1", *command(tmp_path)]
-    others = [subprocess.Popen([*call, "--jobs", jobs]) for jobs in "12"]  # one folder, two runs
+    others = [
+        subprocess.Popen([*call, "--jobs", jobs]) for jobs in "12"
+    ]  # one folder, two runs
     assert [each.wait() for each in others] == [0, 0]
     assert contents(tmp_path) == expected
 

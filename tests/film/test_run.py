@@ -1,4 +1,6 @@
-"""`kilnflight run` on recordings of the kiln: tables, settings, warnings, what is refused."""
+"""`kilnflight run` on recordings of the kiln: tables, settings, warnings, what is
+refused.
+"""
 
 import re
 import shutil
@@ -45,14 +47,18 @@ def stored(stored_flights):
 
 @pytest.fixture
 def prepare(stored, tmp_path):
-    """A function that prepares a changed recording: run and settings, several under a name."""
+    """A function that prepares a changed recording: run and settings, several under a
+    name.
+    """
 
     def prepared(change=lambda frame: frame, **attributes):
         folder = tmp_path / "changed.zarr"
         shutil.rmtree(folder, ignore_errors=True)
         kept = write_recording(Changed(stored, change, **attributes), folder, range(6))
         ready, rows = preparation.prepare(kept, tmp_path, OPTIONS)
-        return ready, {name: [value for key, value in rows if key == name] for name, _ in rows}
+        return ready, {
+            name: [value for key, value in rows if key == name] for name, _ in rows
+        }
 
     return prepared
 
@@ -66,13 +72,20 @@ def test_the_whole_way(stored_flights, tmp_path, capsys):
     assert re.search(rf"tracks +{count} with {len(tracked)} detections", output)
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "tracks.csv"), tracks)
     found = kilnflight.detect(stored_flights, threshold=200.0)
-    pd.testing.assert_frame_equal(found, pd.read_parquet(tmp_path / "detections.parquet"))
+    pd.testing.assert_frame_equal(
+        found, pd.read_parquet(tmp_path / "detections.parquet")
+    )
     for name, table in (("detections", DETECTIONS), ("trajectories", TRAJECTORIES)):
         assert list(pd.read_parquet(tmp_path / f"{name}.parquet")) == table.names
     value = pd.read_csv(tmp_path / "summary.csv").set_index("what")["value"]
     assert value["threshold"].startswith("200 grey values")
     assert all(f"{what}" in output for what in value.index)
-    pictures = ("detections", "lengths-and-speeds", "mean-square-displacement", "tracks")
+    pictures = (
+        "detections",
+        "lengths-and-speeds",
+        "mean-square-displacement",
+        "tracks",
+    )
     assert [path.stem for path in sorted(tmp_path.glob("*.png"))] == list(pictures)
 
 
@@ -91,7 +104,10 @@ def test_without_a_lance_or_a_wall_there_are_tracks_but_no_flights(prepare, miss
         return replace(frame, pixels=frame.pixels[:3], xyz=frame.xyz[:3])
 
     ready, settings = prepare(lance_mm=None) if missing == "lance" else prepare(sparse)
-    assert "no flights" in f"{settings['note'] if missing == 'wall' else settings['lance']}"
+    assert (
+        "no flights"
+        in f"{settings['note'] if missing == 'wall' else settings['lance']}"
+    )
     assert ready.post_processing == (missing == "wall")
     assert ready.flights().empty
 
@@ -99,7 +115,9 @@ def test_without_a_lance_or_a_wall_there_are_tracks_but_no_flights(prepare, miss
 def test_a_threshold_from_the_noise(stored):
     looks = preparation.sample(stored, preparation.BACKGROUNDS["median"])
     assert 5 < preparation.noise_threshold(looks) < 1000
-    noisy = np.abs(np.random.default_rng(0).normal(0, 100, (256, 256))).astype(np.float32)
+    noisy = np.abs(np.random.default_rng(0).normal(0, 100, (256, 256))).astype(
+        np.float32
+    )
     noise = preparation.block_noise(noisy)
     assert preparation.block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
     assert 2 < noise < 40  # of the difference of Gaussians, not of the pixels
@@ -122,7 +140,9 @@ def test_another_content_is_another_source(stored, prepare, tmp_path):
 
 
 def test_options_reach_the_run(stored, tmp_path):
-    options = replace(OPTIONS, memory=9, in_air_mm=700.0, post_processing=False, frames=(3, 12))
+    options = replace(
+        OPTIONS, memory=9, in_air_mm=700.0, post_processing=False, frames=(3, 12)
+    )
     ready, rows = preparation.prepare(stored, tmp_path, options)
     assert ready.management.invisible == 9
     assert not ready.post_processing
@@ -143,7 +163,9 @@ def test_ignition_is_read_above_the_background(stored, tmp_path):
     track["gray"] = behind + 500.0 + np.sin(7 * frame)
     rising = track.assign(gray=track["gray"] + 4000.0 * (frame >= 50))
     for table, ignition in ((track, "none"), (rising, "seen")):
-        assert chain.flights_from(ready, table, {0: fit})["ignition"].tolist() == [ignition]
+        assert chain.flights_from(ready, table, {0: fit})["ignition"].tolist() == [
+            ignition
+        ]
 
 
 @pytest.fixture
@@ -155,13 +177,22 @@ def flown():
         (3, 0.9, "lost", False, "too few points", np.nan),
     ]
     names = ["particle", "dwell_s", "ending", "from_lance", "ignition", "ignition_s"]
-    table = pd.DataFrame(rows, columns=names).reindex(columns=FLIGHTS.names, fill_value=0.0)
+    table = pd.DataFrame(rows, columns=names).reindex(
+        columns=FLIGHTS.names, fill_value=0.0
+    )
     velocities = pd.DataFrame(
-        {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
+        {
+            "particle": [1, 1, 2],
+            "slice_m": [1.0, 2.0, 1.0],
+            "velocity_m_s": [10.0, 8.0, 12.0],
+        }
     )
     found = DETECTIONS.empty().reindex(range(3)).fillna(5.0)
     tables = {"detections": found, "tracks": found.assign(frame=range(3), particle=0)}
-    tables |= {"flights": table.assign(refused=""), "slices": velocities.assign(observed=True)}
+    tables |= {
+        "flights": table.assign(refused=""),
+        "slices": velocities.assign(observed=True),
+    }
     return tables
 
 
@@ -171,7 +202,10 @@ def test_the_summary_counts_accepted_flights_from_the_lance(flown):
     assert value["ending: landed"] == value["ending: burnt out"] == "1"
     assert value["dwell time, median"].startswith("0.600 ")
     assert value["ignition: seen"] == value["ignition: none"] == "1"
-    assert value["velocity in the metre up to 2 m"] == "median 8.0 m/s, 50 % of the flights"
+    assert (
+        value["velocity in the metre up to 2 m"]
+        == "median 8.0 m/s, 50 % of the flights"
+    )
     refused = flown["flights"].assign(refused=["turns back behind the lance", "", ""])
     value = summary(flown | {"flights": refused})
     assert value["refused: turns back behind the lance"] == "1"

@@ -13,7 +13,9 @@ from kilnflight.film.spreading import diffusion, speeds, square_displacements
 def walks(count=60, frames=80, drift=(0.3, -1.0), diffusing=0.5, error=0.0, apart=90.0):
     """Random walks on a grid, with a common drift and an error of each position (px)."""
     rng = np.random.default_rng(3)
-    places = rng.normal(drift, np.sqrt(2 * diffusing), (frames, count, 2)).cumsum(axis=0)
+    places = rng.normal(drift, np.sqrt(2 * diffusing), (frames, count, 2)).cumsum(
+        axis=0
+    )
     places += apart * np.stack(np.divmod(np.arange(count), 10), axis=1)
     places += rng.normal(0, error, places.shape)
     frame, particle = np.divmod(np.arange(frames * count), count)
@@ -37,15 +39,21 @@ def test_diffusion_is_recovered_without_the_drift(error):
 
 
 def test_speeds_are_steps_by_frames():
-    table = pd.DataFrame({"particle": [1, 0, 0], "frame": [0, 2, 0], "row": 0.0, "col": 0.0})
-    assert speeds(table.assign(row=[0.0, 4.0, 1.0], col=[0.0, 7.0, 3.0])).tolist() == [2.5]
+    table = pd.DataFrame(
+        {"particle": [1, 0, 0], "frame": [0, 2, 0], "row": 0.0, "col": 0.0}
+    )
+    assert speeds(table.assign(row=[0.0, 4.0, 1.0], col=[0.0, 7.0, 3.0])).tolist() == [
+        2.5
+    ]
 
 
 def test_the_motion_of_detections_is_that_of_their_links():
     table = walks(drift=(2.0, 9.0), diffusing=0.125).drop(columns="particle")
     motion = motion_of(table)
     assert motion.velocity == pytest.approx((2, 9), abs=0.1)
-    assert motion.noise == pytest.approx(0.5, rel=0.1)  # steps that do not depend on each other
+    assert motion.noise == pytest.approx(
+        0.5, rel=0.1
+    )  # steps that do not depend on each other
     assert motion_of(table, max_step=12.0).noise == pytest.approx(3)
     with pytest.raises(InputError, match="max_step"):
         motion_of(table, max_step=0)

@@ -21,10 +21,17 @@ LEVEL = ((0.0,), (500.0,), (-8000.0,))
 
 def detections(fit, particle=0, ignites_s=np.inf, **more):
     """The detections of a trajectory: dim, and bright from ignition on."""
-    frame = np.arange(np.ceil(fit.first_s * RATE), np.floor(fit.last_s * RATE + 1e-9) + 1)
+    frame = np.arange(
+        np.ceil(fit.first_s * RATE), np.floor(fit.last_s * RATE + 1e-9) + 1
+    )
     place = fit(frame / RATE)
     gray = 3000.0 + 5000.0 * (frame / RATE >= ignites_s) + 40 * np.sin(7 * frame)
-    named = {"frame": frame.astype(int), "particle": particle, "row": 500.0, "col": 900.0}
+    named = {
+        "frame": frame.astype(int),
+        "particle": particle,
+        "row": 500.0,
+        "col": 900.0,
+    }
     named |= {"gray": gray, **dict(zip("xyz", place.T, strict=True))}
     return pd.DataFrame(named | more)
 
@@ -42,7 +49,9 @@ def test_the_three_cases_of_figure_5_18(polynomials):
     burning = flight_of(detections(landing, ignites_s=0.2), landing)
     assert (burning["ending"], burning["ignition"]) == ("landed", "seen")
     assert burning["ignition_s"] == pytest.approx(0.2, abs=1 / RATE)
-    late = flight_of(detections(landing, ignites_s=0.42), landing)  # the wall ignites it
+    late = flight_of(
+        detections(landing, ignites_s=0.42), landing
+    )  # the wall ignites it
     assert late["ignition"] == "none"
     burnt = polynomials(LEVEL, first_s=0.05, last_s=0.3)
     gone = flight_of(detections(burnt, ignites_s=0.2), burnt)
@@ -89,10 +98,14 @@ def test_ignition_is_a_rise_above_the_background(polynomials):
 
 
 def test_what_ends_in_the_air_left_the_view_burnt_out_or_was_lost(polynomials):
-    """Appendix A.1: unlit ones that leave count; burning ones at the edge cannot be analyzed."""
+    """Appendix A.1: unlit ones that leave count; burning ones at the edge cannot be
+    analyzed.
+    """
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
     burning, unlit = detections(fit, ignites_s=0.2), detections(fit)
-    view = FieldOfView(roi=[(0, 0), (1500, 0), (1500, 2000), (0, 2000)], frames=range(1000))
+    view = FieldOfView(
+        roi=[(0, 0), (1500, 0), (1500, 2000), (0, 2000)], frames=range(1000)
+    )
     cut = view._replace(frames=range(105))
     for row, lit, dark in (
         (500.0, "burnt out", "lost"),
@@ -104,7 +117,10 @@ def test_what_ends_in_the_air_left_the_view_burnt_out_or_was_lost(polynomials):
             assert (found["ending"], found["dwell_s"]) == (ending, pytest.approx(0.3))
             assert flight_of(track.assign(row=row), fit, view=cut)["ending"] == "lost"
     landing = polynomials(FALLING, first_s=0.05, last_s=0.45)
-    assert flight_of(detections(landing, row=40.0), landing, view=view)["ending"] == "landed"
+    assert (
+        flight_of(detections(landing, row=40.0), landing, view=view)["ending"]
+        == "landed"
+    )
 
 
 def test_a_flight_that_goes_on_as_another_track_did_not_burn_out(polynomials):
@@ -127,7 +143,9 @@ def test_a_flight_that_goes_on_as_another_track_did_not_burn_out(polynomials):
 def test_only_trajectories_that_start_at_the_lance_count(polynomials):
     near = polynomials(FALLING, first_s=0.1)  # 0.8 m in depth
     late = polynomials(FALLING, first_s=0.2)  # 1.6 m
-    backwards = polynomials(((0.0,), (0.0,), (3000.0, -40000.0)), first_s=0.08, last_s=0.2)
+    backwards = polynomials(
+        ((0.0,), (0.0,), (3000.0, -40000.0)), first_s=0.08, last_s=0.2
+    )
     early, bound = replace(near, t0_at_bound=-1), replace(near, t0_at_bound=1)
     for fit, counts in ((near, 1), (late, 0), (backwards, 0), (early, 0), (bound, 1)):
         assert flight_of(detections(fit), fit)["from_lance"] == counts
@@ -138,11 +156,15 @@ def test_only_trajectories_that_start_at_the_lance_count(polynomials):
 
 
 @given(st.integers(-1000, 1000), st.floats(3000.0, 9000.0))
-def test_dwell_does_not_depend_on_the_clock_or_the_order_of_rows(polynomials, frames, fall):
+def test_dwell_does_not_depend_on_the_clock_or_the_order_of_rows(
+    polynomials, frames, fall
+):
     shift = frames / RATE
     fit = polynomials(((0.0,), (0.0, fall), (-8000.0,)), first_s=0.05)
     track = detections(fit, ignites_s=0.2)
-    later = replace(fit, t0=shift, first_s=fit.first_s + shift, last_s=fit.last_s + shift)
+    later = replace(
+        fit, t0=shift, first_s=fit.first_s + shift, last_s=fit.last_s + shift
+    )
     before = flight_of(track, fit)
     after = flight_of(track.assign(frame=track["frame"] + frames), later)
     for name in ("dwell_s", "ignition_s"):

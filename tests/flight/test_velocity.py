@@ -16,7 +16,9 @@ from kilnflight.tables import SLICES
     st.floats(-5.0, 5.0),
     st.sampled_from([0.3, 1.0, 2.0]),
 )
-def test_the_times_are_those_of_dense_sampling(polynomials, speed, bend, third, start, slice_m):
+def test_the_times_are_those_of_dense_sampling(
+    polynomials, speed, bend, third, start, slice_m
+):
     fit = polynomials(((), (), (-speed, bend, third)), start, start, start + 0.4)
     table = space_sliced_velocity(fit, slice_m)
     front = table[table["slice_m"] > 0]
@@ -24,9 +26,14 @@ def test_the_times_are_those_of_dense_sampling(polynomials, speed, bend, third, 
     assert front["slice_m"].tolist() == marks.tolist()
     time = np.linspace(start, start + 0.4, 4001)
     gone = (fit.exit_point_mm[2] - fit(time)[:, 2]) / 1000
-    expected = [time[np.argmax(gone >= far)] for far in marks if gone.max() >= far + 1e-9]
+    expected = [
+        time[np.argmax(gone >= far)] for far in marks if gone.max() >= far + 1e-9
+    ]
     ends = front.loc[front["reached"], "end_s"].to_numpy()
-    assert len(ends) - len(expected) in (0, 1)  # a turn between two samples may be missed
+    assert len(ends) - len(expected) in (
+        0,
+        1,
+    )  # a turn between two samples may be missed
     assert (np.abs(ends[: len(expected)] - expected) <= 1.01e-4).all()
     velocity = front["velocity_m_s"].to_numpy()
     np.testing.assert_allclose(velocity[: len(ends)], slice_m / np.diff([start, *ends]))

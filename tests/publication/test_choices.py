@@ -15,7 +15,13 @@ MADE = Provenance("00_claims")
 @pytest.fixture
 def decided(monkeypatch):
     """Two choices: one that the text decides, and one that nothing does."""
-    row = {"where": "4", "not_printed": "r", "chosen": "1", "others": "2", "evidence": "T"}
+    row = {
+        "where": "4",
+        "not_printed": "r",
+        "chosen": "1",
+        "others": "2",
+        "evidence": "T",
+    }
     rows = [
         {"id": "A1", **row, "decided_by": "text", "claims_touched": "bg-1"},
         {"id": "A2", **row, "decided_by": "assumption", "claims_touched": "bg-2"},
@@ -25,8 +31,16 @@ def decided(monkeypatch):
 
 
 def test_a_verdict_turns_where_the_two_values_judge_differently():
-    ours = [claims.check("bg-1", True), claims.check("bg-2", False), claims.check("bg-5", None)]
-    other = [claims.check("bg-1", False), claims.check("bg-2", False), claims.check("bg-5", True)]
+    ours = [
+        claims.check("bg-1", True),
+        claims.check("bg-2", False),
+        claims.check("bg-5", None),
+    ]
+    other = [
+        claims.check("bg-1", False),
+        claims.check("bg-2", False),
+        claims.check("bg-5", True),
+    ]
     assert choices.turned(ours, other) == {
         "bg-1": "reproduced -> not reproduced",
         "bg-5": "open -> reproduced",
@@ -38,7 +52,9 @@ def test_a_verdict_turns_where_the_two_values_judge_differently():
 def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
     checks = [claims.check("bg-1", True), claims.check("bg-2", False)]
     compared = [
-        choices.compare("A1", "F1", chosen=0.912345, other=float("nan"), turns={"bg-1": "open"}),
+        choices.compare(
+            "A1", "F1", chosen=0.912345, other=float("nan"), turns={"bg-1": "open"}
+        ),
         choices.compare("A2", "F1", chosen=0.9, other="none", turns={"bg-2": "open"}),
     ]
     figures.conclude("One.", checks, MADE, choices=compared)
@@ -46,7 +62,10 @@ def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
     assert judged.loc["bg-1", ["verdict", "because"]].tolist() == ["reproduced", ""]
     assert judged.loc["bg-2", ["verdict", "because"]].tolist() == ["open", "choice"]
     table = choices.collect().set_index("id")
-    assert table.loc["A1", ["result_chosen", "result_other"]].tolist() == ["0.9123", "-"]
+    assert table.loc["A1", ["result_chosen", "result_other"]].tolist() == [
+        "0.9123",
+        "-",
+    ]
     assert table.loc["A2", "verdicts_that_turn"] == "bg-2"
     assert table.loc["A2", "notebook"] == "00_claims"
 
@@ -97,7 +116,9 @@ def test_a_number_that_identified_a_choice_tests_no_claim():
     assert len(named) >= 3
     for number in named:
         testing = tested[[number in each.split("; ") for each in tested]]
-        assert testing.empty, f"{number} is an input, but tests {', '.join(testing.index)}"
+        assert testing.empty, (
+            f"{number} is an input, but tests {', '.join(testing.index)}"
+        )
 
 
 def test_the_hash_of_each_frozen_input_is_that_of_its_commit():
@@ -107,12 +128,19 @@ def test_the_hash_of_each_frozen_input_is_that_of_its_commit():
     if "missing" in known:
         pytest.skip("this clone is shallow: it lacks the commits of the freezes")
     for _, row in freezes.iterrows():
-        assert git("rev-parse", f"{row['commit']}:{row['input']}").startswith(row["hash"])
+        assert git("rev-parse", f"{row['commit']}:{row['input']}").startswith(
+            row["hash"]
+        )
 
 
 def git(*command, text=None):
     folder = paths.root()
     done = subprocess.run(
-        ["git", *command], cwd=folder, input=text, capture_output=True, text=True, check=False
+        ["git", *command],
+        cwd=folder,
+        input=text,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     return done.stdout if done.returncode == 0 else "missing"

@@ -14,7 +14,9 @@ def test_a_claim_has_one_of_three_verdicts_and_a_cause_only_where_it_fails(monke
     table = claims.load()
     table.loc["bg-1", "cause"] = "twin"
     monkeypatch.setattr(claims, "load", lambda: table)
-    found = [claims.check("bg-1", holds, 0.123456, "why") for holds in (True, False, None)]
+    found = [
+        claims.check("bg-1", holds, 0.123456, "why") for holds in (True, False, None)
+    ]
     assert [each.verdict for each in found] == list(claims.VERDICTS)
     assert [each.because for each in found] == ["", "twin", ""]
     assert {(each.measured, each.reason) for each in found} == {("0.1235", "why")}
@@ -27,12 +29,19 @@ def test_answers_have_three_values():
     assert claims.all_of(None, False) is False
     found = [claims.beyond(*interval) for interval in ((1, 2), (-1, 2), (-2, -1))]
     assert found == [True, None, False]
-    for draws, answer in ((range(1, 9), True), (range(-4, 4), None), ([-1], False), ([], None)):
+    for draws, answer in (
+        (range(1, 9), True),
+        (range(-4, 4), None),
+        ([-1], False),
+        ([], None),
+    ):
         assert claims.above(pd.Series(draws, dtype=float)) is answer
 
 
 def test_every_claim_is_collected_once_in_order_and_open_where_no_notebook_tests_it():
-    figures.conclude("One.", [claims.check("bg-2", True), claims.check("bg-1", False)], MADE)
+    figures.conclude(
+        "One.", [claims.check("bg-2", True), claims.check("bg-1", False)], MADE
+    )
     table = verdicts.collect()
     assert table["id"].tolist() == claims.load().index.tolist()
     assert list(claims.count(table).values()) == [1, 1, len(table) - 2]
@@ -43,7 +52,9 @@ def test_every_claim_is_collected_once_in_order_and_open_where_no_notebook_tests
 # data/reference against the publications themselves (skipped where they are not)
 
 
-@pytest.mark.parametrize("table", ["5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14"])
+@pytest.mark.parametrize(
+    "table", ["5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14"]
+)
 def test_every_printed_cell_stands_in_the_thesis(seeds, table):
     text = next(seeds.glob("000_*.txt")).read_text()
     heading = text.rindex(f"**Table {table}.:**")
@@ -57,4 +68,6 @@ def test_our_copy_of_the_published_tables_is_theirs(seeds):
     for path in sorted((seeds.parent / "reference" / "published").glob("*.csv")):
         ours = pd.read_csv(paths.reference() / "published" / path.name, dtype=str)
         theirs = pd.read_csv(path, dtype=str)
-        pd.testing.assert_frame_equal(ours[theirs.columns], theirs)  # flight.csv: one column more
+        pd.testing.assert_frame_equal(
+            ours[theirs.columns], theirs
+        )  # flight.csv: one column more

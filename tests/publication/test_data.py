@@ -14,8 +14,12 @@ NAME = "belt/t.zip"
 
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
-    """The folder of the data; one small file is known, at the address that `offer` writes."""
-    monkeypatch.setattr("kilnflight.store.paths.external", lambda: tmp_path / "external")
+    """The folder of the data; one small file is known, at the address that `offer`
+    writes.
+    """
+    monkeypatch.setattr(
+        "kilnflight.store.paths.external", lambda: tmp_path / "external"
+    )
     monkeypatch.setattr(data, "REGISTRY", tmp_path / "registry.txt")
     monkeypatch.setitem(data.SHA256, NAME, hashlib.sha256(CONTENT).hexdigest())
     return tmp_path / "external"

@@ -36,10 +36,19 @@ def files():
 def test_a_picture_is_png_pdf_and_csv_and_a_table_a_csv():
     save(picture=drawn())
     save("table-1")
-    assert set(files()) == {"fig-1.png", "fig-1.pdf", "fig-1.csv", "table-1.csv", "index.json"}
+    assert set(files()) == {
+        "fig-1.png",
+        "fig-1.pdf",
+        "fig-1.csv",
+        "table-1.csv",
+        "index.json",
+    }
     assert (paths.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
     known = index.load()["figures"]
-    assert [known[name]["kind"] for name in ("fig-1", "table-1")] == ["picture", "table"]
+    assert [known[name]["kind"] for name in ("fig-1", "table-1")] == [
+        "picture",
+        "table",
+    ]
     assert known["fig-1"]["caption"] == CAPTION
     assert known["fig-1"]["provenance"] == asdict(MADE)
     with Image.open(paths.figures() / "fig-1.png") as image:
@@ -90,7 +99,9 @@ def test_the_commit_is_the_last_one_that_touched_what_counts(tmp_path, monkeypat
 
     def git(*arguments):
         command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
+        done = subprocess.run(
+            command, cwd=tmp_path, check=True, capture_output=True, text=True
+        )
         return done.stdout.strip()
 
     def commit(name):

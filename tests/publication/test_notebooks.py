@@ -35,15 +35,25 @@ def execute(folder, given="scale=standard", last="1 + 1"):
 
 def outputs(path):
     cells = nbformat.read(path, as_version=4).cells
-    found = [output for cell in cells for output in cell.get("outputs", []) if "data" in output]
+    found = [
+        output
+        for cell in cells
+        for output in cell.get("outputs", [])
+        if "data" in output
+    ]
     return [output["data"]["text/plain"] for output in found]
 
 
 @pytest.mark.parametrize(
     ("given", "shown"),
-    [("scale=quick 07.width=3 jobs=3", "'quick 1 3 3'"), ("scale=quick", "'quick 1 2.0 1'")],
+    [
+        ("scale=quick 07.width=3 jobs=3", "'quick 1 3 3'"),
+        ("scale=quick", "'quick 1 2.0 1'"),
+    ],
 )
-def test_parameters_reach_the_notebook_and_a_smoke_run_starts_no_processes(tmp_path, given, shown):
+def test_parameters_reach_the_notebook_and_a_smoke_run_starts_no_processes(
+    tmp_path, given, shown
+):
     code, made = execute(tmp_path, given)
     assert code == 0
     assert made == {"07_test.ipynb": [shown, "2"]}

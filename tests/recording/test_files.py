@@ -23,7 +23,9 @@ WIDE = FILM.astype(np.uint16) * 300
 
 def film(path, frames=FILM, codec="FFV1", rate=25.0):
     size, colour = frames.shape[2:0:-1], frames.ndim == 4
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate, size, colour)
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter_fourcc(*codec), rate, size, colour
+    )
     for frame in frames:
         writer.write(frame)
     writer.release()
@@ -53,18 +55,29 @@ def separate_pages(path):
 
 LZW = [cv2.IMWRITE_TIFF_COMPRESSION, 5]
 TWO = np.stack([WIDE, WIDE], axis=1)
-COLOURED = np.stack([FILM // 4, FILM // 2, FILM], axis=-1)  # as OpenCV has it: blue, green, red
+COLOURED = np.stack(
+    [FILM // 4, FILM // 2, FILM], axis=-1
+)  # as OpenCV has it: blue, green, red
 KINDS = {
     "film.avi": (film, FILM),
-    "film.mp4": (lambda path: film(path, np.tile(FILM[:, :1, :1], (24, 32)), "mp4v"), None),
+    "film.mp4": (
+        lambda path: film(path, np.tile(FILM[:, :1, :1], (24, 32)), "mp4v"),
+        None,
+    ),
     "stack.tif": (stack, WIDE),
     "motorola.tif": (lambda path: stack(path, byteorder=">"), WIDE),
     "zip.tif": (lambda path: stack(path, compression="zlib"), WIDE),
     "pages.tif": (lambda path: stack(path, metadata=None), WIDE),
     "separate.tif": (separate_pages, WIDE),
     "lzw.tif": (lambda path: cv2.imwritemulti(str(path), list(WIDE), LZW), WIDE),
-    "lzw-rgb.tif": (lambda path: cv2.imwritemulti(str(path), list(COLOURED), LZW), FILM),
-    "imagej.tif": (lambda path: stack(path, imagej=True, metadata={"axes": "TYX"}), WIDE),
+    "lzw-rgb.tif": (
+        lambda path: cv2.imwritemulti(str(path), list(COLOURED), LZW),
+        FILM,
+    ),
+    "imagej.tif": (
+        lambda path: stack(path, imagej=True, metadata={"axes": "TYX"}),
+        WIDE,
+    ),
     "s.ome.tif": (lambda path: stack(path, metadata={"axes": "TYX"}), WIDE),
     "rgb.tif": (lambda path: stack(path, COLOURED[..., ::-1], photometric="rgb"), FILM),
     "one.tif": (lambda path: stack(path, WIDE[0]), WIDE[:1]),
@@ -78,7 +91,10 @@ KINDS = {
     "float.npy": (lambda path: np.save(path, WIDE.astype(np.float32)), WIDE),
     "colour.npy": (lambda path: np.save(path, COLOURED[..., ::-1]), FILM),
     "a.mat": (lambda path: scipy.io.savemat(path, {"film": WIDE}), WIDE),
-    "b.mat": (lambda path: hdf5(path, film=WIDE.T), WIDE),  # v7.3: MATLAB's order of axes
+    "b.mat": (
+        lambda path: hdf5(path, film=WIDE.T),
+        WIDE,
+    ),  # v7.3: MATLAB's order of axes
     "a.h5": (lambda path: hdf5(path, film=WIDE), WIDE),
 }
 
@@ -91,7 +107,9 @@ def test_every_kind_is_opened(name, tmp_path):
     expected = np.tile(FILM[:, :1, :1], (24, 32)) if expected is None else expected
     assert len(recording) == len(expected)
     assert recording.attributes.size == (24, 32)
-    assert recording.attributes.frame_rate_hz == (25.0 if name.startswith("film") else 1.0)
+    assert recording.attributes.frame_rate_hz == (
+        25.0 if name.startswith("film") else 1.0
+    )
     for t in (*range(len(expected)), 0):  # back to the start, too
         frame = recording.frame(t)
         assert frame.gray.dtype == np.uint16
@@ -133,7 +151,9 @@ def test_arrays_and_anything_indexed_are_opened(film):
 
 
 def test_a_named_channel(tmp_path):
-    pictures(tmp_path / "p", "png", np.concatenate([COLOURED, COLOURED[..., :1]], axis=-1))  # alpha
+    pictures(
+        tmp_path / "p", "png", np.concatenate([COLOURED, COLOURED[..., :1]], axis=-1)
+    )  # alpha
     for source, channel, expected in [
         (tmp_path / "p", "green", FILM // 2),
         (tmp_path / "p", "blue", FILM // 4),
@@ -167,21 +187,31 @@ def test_whole_gray_values_stay_and_others_are_scaled(values, unit):
         assert recording.attributes.notes == ()
     else:
         scale = 65535 / ((float(high) - low) or 1)
-        np.testing.assert_allclose(gray, (values.astype(float) - low) * scale, atol=0.51)
+        np.testing.assert_allclose(
+            gray, (values.astype(float) - low) * scale, atol=0.51
+        )
         assert f"{low:g} to {high:g}" in recording.attributes.notes[0]
 
 
-@pytest.mark.parametrize("pattern", ["a_*.png", "a_{frame}*.png", "?_{frame:04d}_8bit.png"])
+@pytest.mark.parametrize(
+    "pattern", ["a_*.png", "a_{frame}*.png", "?_{frame:04d}_8bit.png"]
+)
 @pytest.mark.parametrize(
     ("numbers", "index", "missing"),
     [
         ((3, 4, 5, 9), (3, 4, 5, 9), 3),
-        ((3, 4, 9, 20_000_000_000_000), (3, 4, 9, 20_000_000_000_000), 19_999_999_999_994),
+        (
+            (3, 4, 9, 20_000_000_000_000),
+            (3, 4, 9, 20_000_000_000_000),
+            19_999_999_999_994,
+        ),
         ((10, 20, 30, 50), (0, 1, 2, 4), 1),  # every tenth frame
         ((1700, 1733, 1767, 1867), (0, 1, 2, 5), 2),  # ms of a clock, 30 frames/s
     ],
 )
-def test_gaps_in_numbers_are_frames_that_are_not_there(pattern, numbers, index, missing, tmp_path):
+def test_gaps_in_numbers_are_frames_that_are_not_there(
+    pattern, numbers, index, missing, tmp_path
+):
     for number, frame in zip(numbers, FILM, strict=False):
         name = f"a_{number:04d}" + ("_8bit" if "{" in pattern else "")
         cv2.imwrite(str(tmp_path / f"{name}.png"), frame)
@@ -192,7 +222,9 @@ def test_gaps_in_numbers_are_frames_that_are_not_there(pattern, numbers, index, 
     assert len(recording.attributes.notes) == 1 + (index[0] == 0)
     assert recording.attributes.notes[-1].startswith(f"{missing} of ")
     stored = write_recording(recording, tmp_path / "o.zarr")
-    assert recording.attributes.notes[-1] in summarise_recording(stored)["value"].tolist()
+    assert (
+        recording.attributes.notes[-1] in summarise_recording(stored)["value"].tolist()
+    )
     assert stored.frame(3).index == index[3]
     assert stored.attributes.notes == recording.attributes.notes
 
@@ -217,13 +249,20 @@ BAD = {
     "text.npy": lambda path: np.save(path, np.full((3, 4, 5), "a")),
     "number.npy": lambda path: np.save(path, 3.0),
 }
-WHOLE = ("text.xyz", "z.tif", "channels.ome.tif", "two.h5")  # neither cut off nor damaged
+WHOLE = (
+    "text.xyz",
+    "z.tif",
+    "channels.ome.tif",
+    "two.h5",
+)  # neither cut off nor damaged
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_what_cannot_be_opened_is_one_error_with_its_path(name, tmp_path):
     BAD[name](tmp_path / name)
-    with pytest.raises(InputError, match=re.escape(name.split(".", maxsplit=1)[0])) as error:
+    with pytest.raises(
+        InputError, match=re.escape(name.split(".", maxsplit=1)[0])
+    ) as error:
         open_any(tmp_path / name)
     assert "\n" not in str(error.value)
     assert name not in WHOLE or "damaged" not in str(error.value)
@@ -244,7 +283,9 @@ def test_a_frame_of_another_size_or_kind_or_a_mask_is_named(tmp_path):
     pictures(tmp_path / "p", "png", FILM)
     (tmp_path / "p" / "notes.txt").write_text("no picture")
     assert len(open_any(tmp_path / "p")) == 5
-    recording = open_any([FILM[0], FILM[1, 1:], np.ma.masked_array(FILM[2], FILM[2] > 9)])
+    recording = open_any(
+        [FILM[0], FILM[1, 1:], np.ma.masked_array(FILM[2], FILM[2] > 9)]
+    )
     for t in (1, 2, 3):
         with pytest.raises(InputError, match=f"frame {t}"):
             recording.gray(t)

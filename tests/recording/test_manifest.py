@@ -21,7 +21,12 @@ from kilnflight.recording.store import write_recording
 FRAMES = (8, 9, 10, 11)
 CLASSES = {0: 0, 60: 1, 120: 2, 180: 3, 240: 4}
 ENTRIES = {
-    **{"name": "small", "frame_rate_hz": 330.0, "fraction": "gravel", "pressure_bar": 4.5},
+    **{
+        "name": "small",
+        "frame_rate_hz": 330.0,
+        "fraction": "gravel",
+        "pressure_bar": 4.5,
+    },
     **{"lance_mm": [1.0, 2.0, 9000.0], "roi": [[0, 0], [24, 0], [24, 32]]},
     "gray": {"pattern": "gray/{frame:04d}.tif"},
     "coordinates": {"pattern": "xyz/{frame}.mat", "key": "XYZ", "form": "grid"},
@@ -39,7 +44,11 @@ def content(frame):
 
 def toml(value):
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{key} = {toml(item)}" for key, item in value.items())
+            + "}"
+        )
     return repr(value) if isinstance(value, float) else json.dumps(value)
 
 
@@ -48,7 +57,9 @@ class Files:
 
     def __init__(self, folder):
         self.folder, self.target = folder, folder / "out" / "small.zarr"
-        self.entries = {k: dict(v) if isinstance(v, dict) else v for k, v in ENTRIES.items()}
+        self.entries = {
+            k: dict(v) if isinstance(v, dict) else v for k, v in ENTRIES.items()
+        }
         for name in ("gray", "xyz", "labels"):
             (folder / name).mkdir()
         for frame in FRAMES:
@@ -58,14 +69,18 @@ class Files:
         if gray is not None:
             tifffile.imwrite(self.folder / f"gray/{frame:04d}.tif", gray)
         if grid is not None:
-            scipy.io.savemat(self.folder / f"xyz/{frame}.mat", {"XYZ": grid, "other": 1})
+            scipy.io.savemat(
+                self.folder / f"xyz/{frame}.mat", {"XYZ": grid, "other": 1}
+            )
         if labels is not None:
             cv2.imwrite(str(self.folder / f"labels/{frame:04d}.png"), labels)
 
     @property
     def manifest(self):
         path = self.folder / "small.toml"
-        path.write_text("".join(f"{key} = {toml(v)}\n" for key, v in self.entries.items()))
+        path.write_text(
+            "".join(f"{key} = {toml(v)}\n" for key, v in self.entries.items())
+        )
         return path
 
     def run(self):
@@ -117,11 +132,15 @@ def test_depths_are_calibrated_as_the_manifest_states(files, stated, true_mm):
 
 @pytest.mark.parametrize("kind", ["csv", "npy"])
 def test_points_with_other_units_and_origin(files, kind):
-    points = np.array([[1, 1, 0.5, -0.25, 4.0], [24, 32, 0.0, 0.0, 9.0], [3, 3, 0.0, 0.0, -1.0]])
+    points = np.array(
+        [[1, 1, 0.5, -0.25, 4.0], [24, 32, 0.0, 0.0, 9.0], [3, 3, 0.0, 0.0, -1.0]]
+    )
     for number in FRAMES:
         np.save(files.folder / f"xyz/{number}.npy", points)
         table = pd.DataFrame(points, columns=["row", "col", "x", "y", "z"])
-        table[["z", "y", "x", "col", "row"]].to_csv(files.folder / f"xyz/{number}.csv", index=False)
+        table[["z", "y", "x", "col", "row"]].to_csv(
+            files.folder / f"xyz/{number}.csv", index=False
+        )
     pattern = {"pattern": f"xyz/{{frame}}.{kind}", "form": "points"}
     files.entries["coordinates"] = {**pattern, "origin": 1, "unit": "m", "invalid": -1}
     frame = files.run()[1].frame(2)
@@ -139,9 +158,15 @@ def test_some_frames_without_labels_or_depth_and_a_number_for_invalid(files, inv
     (files.folder / "xyz/8.mat").unlink()
     _, stored = files.run()
     assert [len(stored.frame(t).xyz) for t in range(4)] == [
-        0 if number == 8 else np.isfinite(content(number)[1][..., 2]).sum() for number in FRAMES
+        0 if number == 8 else np.isfinite(content(number)[1][..., 2]).sum()
+        for number in FRAMES
     ]
-    assert [stored.frame(t).labels is None for t in range(4)] == [False, True, True, True]
+    assert [stored.frame(t).labels is None for t in range(4)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
 
 
 def test_the_documented_manifest_is_right(files):
@@ -157,7 +182,9 @@ def test_the_documented_manifest_is_right(files):
 
 
 def change(table, **values):
-    return lambda files: (files.entries[table] if table else files.entries).update(values)
+    return lambda files: (files.entries[table] if table else files.entries).update(
+        values
+    )
 
 
 def put(part, at, value):

@@ -29,18 +29,23 @@ def target(tmp_path):
 @pytest.mark.parametrize("chunk", [7, store.POINTS_PER_CHUNK])
 def test_what_is_written_comes_back(small, target, same_frame, monkeypatch, chunk):
     monkeypatch.setattr(store, "POINTS_PER_CHUNK", chunk)
-    table = pd.DataFrame({"particle": [3, 5], "time_s": [0.1, np.nan], "end": ["wall", None]})
+    table = pd.DataFrame(
+        {"particle": [3, 5], "time_s": [0.1, np.nan], "end": ["wall", None]}
+    )
     write_recording(small, target, truth={"particles": table})
     stored = open_any(target)
     assert stored.attributes == small.attributes
     assert (
-        Attributes.from_json(json.loads(json.dumps(asdict(small.attributes)))) == stored.attributes
+        Attributes.from_json(json.loads(json.dumps(asdict(small.attributes))))
+        == stored.attributes
     )
     assert len(stored) == 5
     for t in range(5):
         same_frame(stored.frame(t), check_frame(small.frame(t), small.attributes))
     same_frame(pickle.loads(pickle.dumps(stored)).frame(3), small.frame(3))
-    pd.testing.assert_frame_equal(pd.read_parquet(target / "truth/particles.parquet"), table)
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(target / "truth/particles.parquet"), table
+    )
     assert [path.name for path in target.parent.iterdir()] == ["small.zarr"]
     part = write_recording(small, target.with_name("part"), frames=range(2, 4))
     same_frame(part.frame(0), small.frame(2))
@@ -59,7 +64,9 @@ def test_a_recording_written_before_stays_readable(tmp_path):
         archive.extractall(tmp_path / "old.zarr")
     recording = open_any(tmp_path / "old.zarr")
     assert recording.attributes.lance_mm == (-10.0, 240.0, 3950.0)
-    assert recording.attributes.depth_calibration(np.array([1020.0])) == pytest.approx([1000.0])
+    assert recording.attributes.depth_calibration(np.array([1020.0])) == pytest.approx(
+        [1000.0]
+    )
     assert [recording.frame(t).index for t in range(5)] == [7, 8, 9, 10, 11]
     assert [recording.frame(t).labels is not None for t in range(5)] == [0, 1, 0, 1, 0]
     assert [len(recording.frame(t).xyz) for t in range(5)] == [120] * 5
@@ -68,7 +75,9 @@ def test_a_recording_written_before_stays_readable(tmp_path):
 
 @pytest.mark.parametrize("name", store.KINDS)
 @pytest.mark.parametrize("fault", ["missing", "damaged"])
-def test_a_missing_or_damaged_frame_is_refused_when_it_is_read(small, target, name, fault):
+def test_a_missing_or_damaged_frame_is_refused_when_it_is_read(
+    small, target, name, fault
+):
     stored = write_recording(small, target)
     chunk = target / name / "c/3/0/0"
     content = chunk.read_bytes()
@@ -92,7 +101,10 @@ def test_the_summary_counts_what_the_frames_hold(small):
     assert value["gray"] == f"{gray.min()} to {gray.max()} (12 bits)"
     assert value["points"] == "0 to 40 per frame, median 20"
     assert value["depth"].startswith(f"{depths.min():.0f} to {depths.max():.0f} mm")
-    assert value["labels"] == f"of {sum(frame.labels is not None for frame in frames)} frames"
+    assert (
+        value["labels"]
+        == f"of {sum(frame.labels is not None for frame in frames)} frames"
+    )
     assert aligned(facts).splitlines()[:2] == [
         "recording   small",
         "frames      5 of 24 x 32 pixels",
@@ -100,12 +112,17 @@ def test_the_summary_counts_what_the_frames_hold(small):
     original = small.frame
     for edit, warning in [
         (lambda f: {"gray": np.minimum(f.gray, 2047)}, "of the pixels are 2047"),
-        (lambda f: {"gray": f.gray * 0, "xyz": f.xyz[:0], "pixels": f.pixels[:0]}, "are 0"),
+        (
+            lambda f: {"gray": f.gray * 0, "xyz": f.xyz[:0], "pixels": f.pixels[:0]},
+            "are 0",
+        ),
         (lambda f: {"xyz": f.xyz / 1000}, "unit"),
     ]:
         small.frame = lambda t, edit=edit: replace(original(t), **edit(original(t)))
         facts = summarise_recording(small)
-        assert any(warning in text for text in facts.loc[facts["what"] == "warning", "value"])
+        assert any(
+            warning in text for text in facts.loc[facts["what"] == "warning", "value"]
+        )
 
 
 def test_a_killed_process_leaves_nothing_that_opens(small, target, same_frame):
@@ -121,7 +138,9 @@ class Killed(SmallRecording):
         return super().frame(t)
 write_recording(Killed(), {str(target)!r})
 """
-    process = subprocess.run([sys.executable, "-c", script], env=os.environ, check=False)
+    process = subprocess.run(
+        [sys.executable, "-c", script], env=os.environ, check=False
+    )
     assert process.returncode == -signal.SIGKILL
     with pytest.raises(InputError, match=r"small\.zarr"):
         open_recording(target)
@@ -130,7 +149,9 @@ write_recording(Killed(), {str(target)!r})
         same_frame(stored.frame(t), small.frame(t))
 
 
-@pytest.mark.parametrize("change", [{"time_s": 0.0}, {"index": 2}, {"gray": np.zeros((2, 3, 4))}])
+@pytest.mark.parametrize(
+    "change", [{"time_s": 0.0}, {"index": 2}, {"gray": np.zeros((2, 3, 4))}]
+)
 def test_a_wrong_frame_never_becomes_a_recording(small, target, change):
     original = small.frame
     small.frame = lambda t: replace(original(t), **change) if t == 3 else original(t)
@@ -146,7 +167,9 @@ def test_frames_that_are_not_there(small, target, frames):
     assert not list(target.parent.iterdir())
 
 
-@pytest.mark.parametrize("fault", ["none", "other", "rows", "unknown", "array", "json", "there"])
+@pytest.mark.parametrize(
+    "fault", ["none", "other", "rows", "unknown", "array", "json", "there"]
+)
 def test_a_folder_without_a_whole_recording_is_refused(small, target, fault):
     if fault != "none":
         write_recording(small, target)

@@ -18,20 +18,29 @@ EXIT, RATE, SCATTER = (120.0, 60.0, 6500.0), 330.0, (7.0, 7.0, 150.0)
 FACTORS = ((400.0, -300.0), (900.0, -4900.0), (-11_000.0, 6000.0))  # mm/s, mm/s^2
 
 
-def flight(t0=0.1, points=60, lead=12, scatter=(0.0, 0.0, 0.0), factors=FACTORS, seed=0):
+def flight(
+    t0=0.1, points=60, lead=12, scatter=(0.0, 0.0, 0.0), factors=FACTORS, seed=0
+):
     """Return a track that leaves the exit at t0 (s) on known polynomials."""
     frame = int(np.ceil(t0 * RATE)) + lead + np.arange(points)
     since = frame / RATE - t0
-    places = np.stack([np.polyval([*axis[::-1], 0.0], since) for axis in factors], axis=1)
+    places = np.stack(
+        [np.polyval([*axis[::-1], 0.0], since) for axis in factors], axis=1
+    )
     places += EXIT + np.random.default_rng(seed).normal(size=(points, 3)) * scatter
-    return pd.DataFrame({"frame": frame, "particle": 0} | dict(zip("xyz", places.T, strict=True)))
+    return pd.DataFrame(
+        {"frame": frame, "particle": 0} | dict(zip("xyz", places.T, strict=True))
+    )
 
 
-FAR = np.array([20_000.0, 20_000.0, 20_000.0])  # no coordinate near 0: MAPE divides by it
+FAR = np.array(
+    [20_000.0, 20_000.0, 20_000.0]
+)  # no coordinate near 0: MAPE divides by it
 
 
 def waves(orders, t0, weak=1.0):
-    """Return a track of Legendre polynomials up to the given orders, each of the same variance.
+    """Return a track of Legendre polynomials up to the given orders, each of the same
+    variance.
 
     The highest polynomial of each axis has the share ``weak`` of the others' amplitude.
     """
@@ -45,7 +54,9 @@ def waves(orders, t0, weak=1.0):
         curve = np.polynomial.legendre.legval(u, sizes)
         places.append(curve[1:] - curve[0])
     rows = np.stack(places, axis=1) + FAR
-    return pd.DataFrame({"frame": frame, "particle": 0} | dict(zip("xyz", rows.T, strict=True)))
+    return pd.DataFrame(
+        {"frame": frame, "particle": 0} | dict(zip("xyz", rows.T, strict=True))
+    )
 
 
 @pytest.mark.parametrize("orders", list(product((2, 3), repeat=3)))
@@ -62,10 +73,14 @@ def test_the_rule_finds_the_order_of_any_polynomials(orders):
     time = (track["frame"] - track["frame"].mean()) / 45
 
     def measure(tried):
-        fitted = [np.polyfit(time, track[a], k) for a, k in zip("xyz", tried, strict=True)]
+        fitted = [
+            np.polyfit(time, track[a], k) for a, k in zip("xyz", tried, strict=True)
+        ]
         curves = [np.polyval(each, time) for each in fitted]
         sides = zip("xyz", curves, tried, strict=True)
-        return np.array([regression.fit_measures(track[a].to_numpy(), c, k) for a, c, k in sides])
+        return np.array(
+            [regression.fit_measures(track[a].to_numpy(), c, k) for a, c, k in sides]
+        )
 
     assert Regression().choose(measure, 7) == tuple(orders)
 
@@ -87,7 +102,10 @@ def test_an_order_that_one_measure_alone_rewards_is_not_taken():
 def test_the_definition_over_all_unknowns_finds_the_same_minimum(orders):
     track = flight(scatter=(2.0, 2.0, 30.0), seed=3)
     track.loc[20, "z"] += 700.0
-    time, moved = np.linspace(0, 1, len(track)), (track[list("xyz")].to_numpy() - EXIT).T
+    time, moved = (
+        np.linspace(0, 1, len(track)),
+        (track[list("xyz")].to_numpy() - EXIT).T,
+    )
     limits, first = regression.range_of_start(time, moved, 5.0)
     start, fitted = regression.trajectory_solver(time, moved, 6, limits, first)(orders)
     peer = plain_regression.solve(time, moved.T, np.zeros(3), orders, first, limits)
@@ -95,12 +113,19 @@ def test_the_definition_over_all_unknowns_finds_the_same_minimum(orders):
     assert start == pytest.approx(peer.x[-1], abs=1e-4)
 
 
-@pytest.mark.parametrize(("first", "valley"), [(-0.1, -0.2), (-0.35, -0.2), (-0.7, -0.8)])
+@pytest.mark.parametrize(
+    ("first", "valley"), [(-0.1, -0.2), (-0.35, -0.2), (-0.7, -0.8)]
+)
 def test_the_minimum_is_the_one_downhill_of_the_first_guess(first, valley):
     time, limits = np.linspace(0, 1, 12), np.array([-1.2, -0.01])
-    up_and_back, straight = (time + 0.2) * (time + 0.8), 0.001 * (time + 0.8)  # -0.8 is deeper
+    up_and_back, straight = (
+        (time + 0.2) * (time + 0.8),
+        0.001 * (time + 0.8),
+    )  # -0.8 is deeper
     places = 100 * np.stack([straight, 0 * time, up_and_back])
-    start, fitted = regression.trajectory_solver(time, places, 2, limits, first)((1, 1, 2))
+    start, fitted = regression.trajectory_solver(time, places, 2, limits, first)(
+        (1, 1, 2)
+    )
     assert start == pytest.approx(valley, abs=0.01)
     assert (np.abs(fitted - places).max() > 1e-4) == (valley > -0.5)
 
@@ -129,8 +154,16 @@ def test_invariants_of_a_fit(seed, frames):
     orders = Regression(highest=3)
     fit = regress(track, EXIT, RATE, orders)
     np.testing.assert_allclose(fit(fit.t0), [EXIT], atol=1e-9)
-    assert fit.first_s - 1.0 <= fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
-    np.testing.assert_allclose(fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients])
+    assert (
+        fit.first_s - 1.0
+        <= fit.t0_range_s[0]
+        <= fit.t0
+        <= fit.t0_range_s[1]
+        < fit.first_s
+    )
+    np.testing.assert_allclose(
+        fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients]
+    )
     slope = (fit([0.3 + 1e-6]) - fit([0.3 - 1e-6])) / 2e-6
     np.testing.assert_allclose(fit.velocity([0.3]), slope, rtol=1e-4, atol=0.1)
     later = track.assign(frame=track["frame"] + frames)
@@ -146,10 +179,16 @@ def test_the_range_of_t0_and_a_t0_outside_are_known():
         fit, around = regress(track, EXIT, RATE), t0 + np.array([-1, 1]) / RATE
         assert fit.t0 == pytest.approx(t0, abs=1e-8)
         assert fit.t0_range_s == pytest.approx(around, abs=1e-5)
-    back = track.assign(z=2000 + (6500 - track["z"]))  # flies towards the lance, not from it
+    back = track.assign(
+        z=2000 + (6500 - track["z"])
+    )  # flies towards the lance, not from it
     assert regress(back, EXIT, RATE).t0_at_bound != 0
-    assert regress(flight(t0=-2.0, lead=700), EXIT, RATE).t0_at_bound == -1  # unseen for 2.1 s
-    assert regress(flight(t0=0.1, lead=0), EXIT, RATE).t0_at_bound == 1  # seen at the exit
+    assert (
+        regress(flight(t0=-2.0, lead=700), EXIT, RATE).t0_at_bound == -1
+    )  # unseen for 2.1 s
+    assert (
+        regress(flight(t0=0.1, lead=0), EXIT, RATE).t0_at_bound == 1
+    )  # seen at the exit
 
 
 def test_the_measures_are_the_equations():
@@ -177,10 +216,17 @@ def test_every_track_has_its_row_and_the_fits_come_back():
     parts[2][list("xyz")] = np.nan
     parts[3].loc[3:, "z"] = np.nan
     named = zip(parts, (7, 0, 3, 5, -1), strict=True)
-    tracks = pd.concat([part.assign(particle=name) for part, name in named], ignore_index=True)
+    tracks = pd.concat(
+        [part.assign(particle=name) for part, name in named], ignore_index=True
+    )
     table = regress_all(tracks.sample(frac=1.0, random_state=1), EXIT, RATE)
     assert table["particle"].tolist() == [0, 3, 5, 7]
-    assert table["outcome"].tolist() == ["fitted", "no depth", "too few points", "fitted"]
+    assert table["outcome"].tolist() == [
+        "fitted",
+        "no depth",
+        "too few points",
+        "fitted",
+    ]
     assert table["points"].tolist() == [60, 0, 3, 60]
     assert table.loc[1:2, "t0_s"].isna().all()
     pd.testing.assert_frame_equal(TRAJECTORIES.check(table), table)

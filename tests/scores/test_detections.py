@@ -40,7 +40,9 @@ def test_invariants_of_counts(truth, detected, seed, gate):
     generator = np.random.default_rng(seed)
     score = score_detections(truth, detected)
     assert (score.tp + score.fn, score.tp + score.fp) == (len(truth), len(detected))
-    shuffled = [generator.permutation(np.reshape(x, (-1, 2))) for x in (truth, detected)]
+    shuffled = [
+        generator.permutation(np.reshape(x, (-1, 2))) for x in (truth, detected)
+    ]
     assert counts(score_detections(*shuffled)) == counts(score)
     assert counts(score_detections(detected, truth)) == (score.tp, score.fn, score.fp)
     assert score_detections(truth, truth).f1 == (1.0 if truth else 0.0)
@@ -48,7 +50,9 @@ def test_invariants_of_counts(truth, detected, seed, gate):
         score_detections(truth, detected, gate + 30).tp
     )
     kept = [[x for x in first if max(x) <= 100] for first in (truth, detected)]
-    assert counts(score_detections(truth, detected, roi=SQUARE)) == counts(score_detections(*kept))
+    assert counts(score_detections(truth, detected, roi=SQUARE)) == counts(
+        score_detections(*kept)
+    )
 
 
 @given(few_places, few_places, st.integers(1, 80))
@@ -73,7 +77,16 @@ def test_a_detection_in_the_pixels_of_a_particle_counts_once():
         centroids = particle_centroids(image, np.array(particles, int))
         return score_in_pixels(image, centroids, detected, roi)
 
-    detected = [(2, 2), (3.4, 2.6), (10.4, 21.4), (10.6, 21), (15, 15), (-1, 0), (1e30, 3), (2, 5)]
+    detected = [
+        (2, 2),
+        (3.4, 2.6),
+        (10.4, 21.4),
+        (10.6, 21),
+        (15, 15),
+        (-1, 0),
+        (1e30, 3),
+        (2, 5),
+    ]
     found = score([4, 7], detected)
     assert found.pairs.tolist() == [[0, 2], [1, 1]]
     assert found.spurious.tolist() == [0, 3, 4, 5, 6, 7]
@@ -91,6 +104,7 @@ def test_particles_in_the_air_are_counted_as_in_tables_5_13_and_5_14():
     classified = [True, False, True, True, False]
     assert count_in_air(itself, flies, classified) == {"tp": 2, "fp": 1, "fn": 1}
     detected = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
-    # Not detected or classified as on the wall: two FN; on the wall or spurious: two FP.
+    # Not detected or classified as on the wall: two FN; on the wall or spurious: two
+    # FP.
     counted = count_in_air(detected, flies, [True, False, True, True])
     assert counted == {"tp": 1, "fp": 2, "fn": 2}

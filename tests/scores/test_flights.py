@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from kilnflight.scores.flights import FlightValues, ignition_histogram, outcomes, remaining
+from kilnflight.scores.flights import (
+    FlightValues,
+    ignition_histogram,
+    outcomes,
+    remaining,
+)
 
 EMPTY = FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
 
@@ -11,7 +16,9 @@ EMPTY = FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
 def flight_values(speeds, metres, reached_m=None):
     """Return values of particles of constant speed that pass so many metres each."""
     far = np.asarray(metres, dtype=float)
-    velocity = np.where(np.arange(1, 6) <= far[:, None], np.asarray(speeds)[:, None], np.nan)
+    velocity = np.where(
+        np.arange(1, 6) <= far[:, None], np.asarray(speeds)[:, None], np.nan
+    )
     reached = far if reached_m is None else np.asarray(reached_m)
     return EMPTY._replace(velocity_m_s=velocity, reached_m=reached)
 
@@ -29,12 +36,15 @@ def test_a_lost_flight_is_censored():
     """Appendix A.1: flights that are not fully tracked cannot be analyzed."""
     four = flight_values([9.0] * 4, [1, 3, 3, 0], [1.5, 3.2, 3.4, 0.5])
     share, counted = remaining(four._replace(lost=np.array([True, *[False] * 3])))
-    # one of four ends before 1 m; one of three is lost at 1.5 m, and the others pass 3 m
+    # one of four ends before 1 m; one of three is lost at 1.5 m, and the others pass 3
+    # m
     np.testing.assert_allclose(share, [75, 75, 75, 0, 0])
     assert counted.tolist() == [4, 3, 3, 3, 3]
     np.testing.assert_allclose(remaining(four)[0], [75, 50, 50, 0, 0])
     share = remaining(four._replace(lost=np.array([*[False] * 2, True, False])))[0]
-    np.testing.assert_allclose(share, [75, 50, 50, np.nan, np.nan])  # the farthest is lost
+    np.testing.assert_allclose(
+        share, [75, 50, 50, np.nan, np.nan]
+    )  # the farthest is lost
     assert np.isnan(remaining(EMPTY)[0]).all()
 
 
@@ -55,4 +65,8 @@ def test_histograms():
     bins = ignition_histogram(np.array([0.1, 0.15, 2.0, np.nan]))
     np.testing.assert_allclose(bins["percent"], [25, 25, 0, 0, 0, 0, 0, 25])
     assert ignition_histogram(np.empty(0))["percent"].tolist() == [0.0] * 8
-    assert ignition_histogram(np.array([-0.1, 0.25]))["percent"].tolist() == [50, 0, 50] + 5 * [0]
+    assert ignition_histogram(np.array([-0.1, 0.25]))["percent"].tolist() == [
+        50,
+        0,
+        50,
+    ] + 5 * [0]

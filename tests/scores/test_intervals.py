@@ -9,7 +9,12 @@ from scipy import stats
 
 from kilnflight.checks import InputError
 from kilnflight.scores import intervals, score_tracks
-from kilnflight.scores.intervals import difference_interval, median_interval, share, track_draws
+from kilnflight.scores.intervals import (
+    difference_interval,
+    median_interval,
+    share,
+    track_draws,
+)
 
 DWELL_S = np.random.default_rng(0).gamma(4.0, 0.1, 40)
 
@@ -18,11 +23,19 @@ def test_the_same_draws_give_the_interval_of_scipy():
     generator = np.random.default_rng(5)
     ours = median_interval(DWELL_S, generator)
     settings = {"n_resamples": intervals.DRAWS, "method": "percentile", "axis": -1}
-    peer = stats.bootstrap((DWELL_S,), np.median, rng=np.random.default_rng(5), **settings)
-    assert (ours.low, ours.high) == pytest.approx(tuple(peer.confidence_interval), rel=1e-9)
+    peer = stats.bootstrap(
+        (DWELL_S,), np.median, rng=np.random.default_rng(5), **settings
+    )
+    assert (ours.low, ours.high) == pytest.approx(
+        tuple(peer.confidence_interval), rel=1e-9
+    )
     assert (ours.estimate, ours.numbers) == (np.median(DWELL_S), (40,))
-    assert median_interval(DWELL_S, generator) == ours  # the generator is left as it was
-    assert median_interval(np.tile(DWELL_S, 30), generator).numbers == (1200,)  # in two parts
+    assert (
+        median_interval(DWELL_S, generator) == ours
+    )  # the generator is left as it was
+    assert median_interval(np.tile(DWELL_S, 30), generator).numbers == (
+        1200,
+    )  # in two parts
 
 
 def test_small_samples_have_no_interval():
@@ -58,10 +71,14 @@ def test_a_difference_of_shares_is_newcombes(first, second, low, high):
 def scored(paired, false=0):
     """Score twelve true tracks, of which some are followed, beside false tracks."""
     parts = [
-        pd.DataFrame({"frame": np.arange(10) + 20 * k, "particle": k, "row": 0.0, "col": 0.0})
+        pd.DataFrame(
+            {"frame": np.arange(10) + 20 * k, "particle": k, "row": 0.0, "col": 0.0}
+        )
         for k in range(12 + false)
     ]
-    return score_tracks(pd.concat(parts[:12]), pd.concat([*parts[:paired], *parts[12:]]), gate=5.0)
+    return score_tracks(
+        pd.concat(parts[:12]), pd.concat([*parts[:paired], *parts[12:]]), gate=5.0
+    )
 
 
 def test_true_trajectories_and_false_tracks_are_drawn():
@@ -72,7 +89,10 @@ def test_true_trajectories_and_false_tracks_are_drawn():
     spurious = track_draws(scored(12, false=4), 1, [1, 1])
     assert (spurious[:, 0] == 1).all()  # alpha ignores them
     times = (1 / spurious[:, 3] - 1) * 12  # number of false tracks drawn: Poisson's law
-    assert (times.mean(), times.var()) == (pytest.approx(4, rel=0.1), pytest.approx(4, rel=0.2))
+    assert (times.mean(), times.var()) == (
+        pytest.approx(4, rel=0.1),
+        pytest.approx(4, rel=0.2),
+    )
     six, ten = (track_draws(scored(count), 1, [1, count]) for count in (6, 10))
     assert (ten - six)[:, 0].min() >= 0  # ten of the same follow at least as many
     assert (track_draws(scored(6), 1, [1, 6]) == six).all()

@@ -13,7 +13,9 @@ from kilnflight.scores import score_tracks
 def line(frames, particle=0, row=0.0, step=1.0):
     """One particle that moves along a row of the image."""
     frames = np.asarray(frames)
-    return pd.DataFrame({"frame": frames, "particle": particle, "row": row, "col": step * frames})
+    return pd.DataFrame(
+        {"frame": frames, "particle": particle, "row": row, "col": step * frames}
+    )
 
 
 def points(score):
@@ -31,21 +33,48 @@ SWAPPED = TWO.assign(particle=(TWO["particle"] + (TWO["frame"] >= 6)) % 2)
     [
         (TWO, TWO, 5.0, (20, 0, 0), (2, 0, 0), 1.0, 1.0),
         (TRUTH, TRUTH.assign(row=2.0), 8.0, (10, 0, 0), (1, 0, 0), 0.75, 0.75),
-        (TRUTH, TRUTH.assign(row=45.0), 45.0, (0, 10, 10), (0, 1, 1), 0.0, 0.0),  # at the gate
+        (
+            TRUTH,
+            TRUTH.assign(row=45.0),
+            45.0,
+            (0, 10, 10),
+            (0, 1, 1),
+            0.0,
+            0.0,
+        ),  # at the gate
         (TRUTH, line([0, 1, 2, 6, 7, 8, 9]), 5.0, (7, 3, 0), (1, 0, 0), 0.7, 0.7),
-        (line([0, 4]), line(range(5)), 5.0, (5, 0, 0), (1, 0, 0), 1.0, 1.0),  # filled in between
+        (
+            line([0, 4]),
+            line(range(5)),
+            5.0,
+            (5, 0, 0),
+            (1, 0, 0),
+            1.0,
+            1.0,
+        ),  # filled in between
         (line([0, 4]), line([0, 4]), 5.0, (2, 3, 0), (1, 0, 0), 0.4, 0.4),
         # every frame beyond the truth is false, even without a point
         (TRUTH, line([-3, *range(10), 12]), 5.0, (10, 0, 6), (1, 0, 0), 0.4, 0.4),
         (TRUTH, SPURIOUS, 5.0, (10, 0, 3), (1, 0, 1), 1.0, 10 / 15),
         (TWO, SWAPPED, 2.0, (12, 8, 8), (2, 0, 0), 0.6, 0.6),
-        # a pair no better than the dummy is none: three matches, two frames beyond the truth
+        # a pair no better than the dummy is none: three matches, two frames beyond the
+        # truth
         (line(range(3)), line(range(5), row=1.0), 3.0, (0, 3, 5), (0, 1, 1), 0.0, 0.0),
         (line([3]), line([4], step=0.75), 1.0, (0, 1, 1), (0, 1, 1), 0.0, 0.0),
-        (TRUTH, TRUTH.assign(particle=-1, row=np.nan), 5.0, (0, 10, 0), (0, 1, 0), 0.0, 0.0),
+        (
+            TRUTH,
+            TRUTH.assign(particle=-1, row=np.nan),
+            5.0,
+            (0, 10, 0),
+            (0, 1, 0),
+            0.0,
+            0.0,
+        ),
     ],
 )
-def test_worlds_with_known_numbers(truth, candidate, gate, of_points, of_tracks, alpha, beta):
+def test_worlds_with_known_numbers(
+    truth, candidate, gate, of_points, of_tracks, alpha, beta
+):
     score = score_tracks(truth, candidate, gate)
     of_both = (points(score), (score.tp_tracks, score.fn_tracks, score.fp_tracks))
     assert of_both == (of_points, of_tracks)
@@ -62,7 +91,9 @@ def test_a_gap_costs_nothing_where_neither_track_has_a_position():
     assert score_tracks(seen, seen, 5.0, bridged=False).alpha == 1.0
     more = score_tracks(seen, line([0, 1, 4, 8]), 5.0, bridged=False)
     assert points(more) == (3, 1, 1)
-    assert more.alpha == pytest.approx(2 / 4)  # a gate for what is missed, one for what is not seen
+    assert more.alpha == pytest.approx(
+        2 / 4
+    )  # a gate for what is missed, one for what is not seen
 
 
 def test_a_long_gap_takes_no_memory():
@@ -86,8 +117,12 @@ rows = st.lists(
 )
 
 
-@given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3), st.booleans())
-def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions, bridged):
+@given(
+    rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3), st.booleans()
+)
+def test_the_measures_are_their_definitions(
+    truth, candidate, gate, dimensions, bridged
+):
     every = ["frame", "particle", "x", "y", "z"]
     names = every[: 2 + dimensions]
     tables = [pd.DataFrame(first, columns=every)[names] for first in (truth, candidate)]
@@ -102,17 +137,28 @@ def test_the_measures_are_their_definitions(truth, candidate, gate, dimensions, 
     assert score.beta == pytest.approx((empty - best) / (empty + gate * rest), abs=1e-9)
     assert track_measures.counts(true, candidates, pairs, gate) == points(score)
     for t, c, apart in score.pairs.itertuples(index=False):
-        assert apart == pytest.approx(track_measures.distance(true[t], candidates[c], gate))
+        assert apart == pytest.approx(
+            track_measures.distance(true[t], candidates[c], gate)
+        )
 
 
 @given(rows, rows, st.sampled_from([1.0, 4.0, 9.0]), st.integers(0, 2**32 - 1))
 def test_order_numbers_and_unit_do_not_matter(truth, candidate, gate, seed):
     names = ["frame", "particle", "row", "col"]
-    first, second = (pd.DataFrame(x, columns=[*names, "z"])[names] for x in (truth, candidate))
-    score, numbers = score_tracks(first, second, gate), np.random.default_rng(seed).permutation(50)
+    first, second = (
+        pd.DataFrame(x, columns=[*names, "z"])[names] for x in (truth, candidate)
+    )
+    score, numbers = (
+        score_tracks(first, second, gate),
+        np.random.default_rng(seed).permutation(50),
+    )
     assert 0 <= score.beta <= score.alpha <= 1
     named = second.assign(particle=numbers[second["particle"]])
     unit = {"frame": 1, "particle": 1, "row": 64.0, "col": 64.0}
     scaled = [(table * unit).sample(frac=1) for table in (first, named)]
     again = score_tracks(*scaled, 64.0 * gate)
-    assert (again.alpha, again.beta, points(again)) == (score.alpha, score.beta, points(score))
+    assert (again.alpha, again.beta, points(again)) == (
+        score.alpha,
+        score.beta,
+        points(score),
+    )

@@ -22,11 +22,15 @@ def test_a_write_that_is_interrupted_leaves_the_old_file(tmp_path):
     path.write_text("old")
     with pytest.raises(InputError, match=path.name):
         make_whole(path, full_disk)
-    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a.csv", "old")]
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [
+        ("a.csv", "old")
+    ]
 
 
 class Numbers:
-    """Two tables of which the second depends on the first; ``calls`` lists what was made."""
+    """Two tables of which the second depends on the first; ``calls`` lists what was
+    made.
+    """
 
     def __init__(self, folder, number, factor=1):
         self.folder, self.number, self.factor, self.calls = folder, number, factor, []
@@ -60,10 +64,15 @@ def test_every_import_of_the_package_counts():
         names = set()
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.ImportFrom):
-                names |= {node.module or "", *(f"{node.module}.{each.name}" for each in node.names)}
+                names |= {
+                    node.module or "",
+                    *(f"{node.module}.{each.name}" for each in node.names),
+                }
             elif isinstance(node, ast.Import):
                 names |= {each.name for each in node.names}
-        assert {path for name in names for path in cache._module(name)} <= cache._imports(file)
+        assert {
+            path for name in names for path in cache._module(name)
+        } <= cache._imports(file)
 
 
 def test_imported_code_and_data_beside_it_count(tmp_path, monkeypatch):

@@ -42,7 +42,9 @@ def test_every_piece_is_done_once_and_the_callers_threads_stay(tmp_path):
 def test_a_cluster_does_the_same(tmp_path):
     distributed = pytest.importorskip("distributed")
     threads = cv2.getNumThreads()
-    with distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=":0") as cluster:
+    with distributed.LocalCluster(
+        processes=False, n_workers=1, dashboard_address=":0"
+    ) as cluster:
         workers = Workers(scheduler=cluster.scheduler_address)
         workers(partial(note, tmp_path), [1, 2, 3], [4, 4, 2], "noting")
         assert {file.name for file in tmp_path.iterdir()} == {"1", "2", "3"}

@@ -8,11 +8,18 @@ from tests.definitions import kalman
 from tests.definitions.pairs import table
 
 from kilnflight.tracking import filter as filtering
-from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
+from kilnflight.tracking.filter import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    Detected,
+    Gate,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 spans = st.integers(0, 300).map(lambda number: number / 10)  # frames
-motions = pytest.mark.parametrize("motion", [ConstantVelocity(), ConstantAcceleration()])
+motions = pytest.mark.parametrize(
+    "motion", [ConstantVelocity(), ConstantAcceleration()]
+)
 NAN = np.nan
 
 
@@ -22,7 +29,9 @@ def test_the_matrices_of_the_page():
     expected = [[1, 0, 3, 0], [0, 1, 0, 3], [0, 0, 1, 0], [0, 0, 0, 1]]
     np.testing.assert_array_equal(motion.transition(3.0), expected)
     np.testing.assert_array_equal(motion.measurement_noise(), [[4, 0], [0, 4]])
-    np.testing.assert_allclose(motion.process_noise(3.0)[::2, ::2], [[9, 4.5], [4.5, 3]])
+    np.testing.assert_allclose(
+        motion.process_noise(3.0)[::2, ::2], [[9, 4.5], [4.5, 3]]
+    )
     thrown = ConstantAcceleration().transition(4.0) @ [1.0, 2.0, 10.0, -5.0, 0.5, 1.0]
     np.testing.assert_allclose(thrown, [45.0, -10.0, 12.0, -1.0, 0.5, 1.0])
 
@@ -39,7 +48,12 @@ def test_two_steps_are_one(motion, first, second):
 
 
 @motions
-@given(seed=seeds, count=st.integers(0, 4), detections=st.integers(0, 5), span=st.integers(1, 20))
+@given(
+    seed=seeds,
+    count=st.integers(0, 4),
+    detections=st.integers(0, 5),
+    span=st.integers(1, 20),
+)
 def test_the_equations_as_printed(motion, seed, count, detections, span):
     generator = np.random.default_rng(seed)
     f, q = motion.transition(span), motion.process_noise(span)
@@ -52,7 +66,9 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
     weights = generator.dirichlet(np.full(1 + detections, 0.5), count)
     weights[:1] = np.eye(1, 1 + detections)  # missed: the prediction bit by bit
     residual = covariance[:, :2, :2] + r
-    pairs = Gate(1e6, np.inf)(state[:, :2], residual, Detected(positions))  # all of them
+    pairs = Gate(1e6, np.inf)(
+        state[:, :2], residual, Detected(positions)
+    )  # all of them
     after, left = filtering.update(state, covariance, pairs, weights[:, 1:].ravel())
     np.testing.assert_array_equal(after[:1], state[:1])
     np.testing.assert_array_equal(left[:1], covariance[:1])
@@ -74,30 +90,44 @@ def test_eq_4_8_pair_by_pair(seed, n, m, tenths):
     depth[rng.random(n) < 0.3], seen[rng.random(m) < 0.3] = NAN, NAN
     sizes, counts = rng.integers(1, 50, n) * 1.0, rng.integers(1, 50, m) * 1.0
     expected, detected = rng.normal(0, 4, (n, 2)), rng.normal(0, 4, (m, 2))
-    pairs = Gate(distance)(expected, residual, Detected(detected, seen, counts), depth, sizes)
+    pairs = Gate(distance)(
+        expected, residual, Detected(detected, seen, counts), depth, sizes
+    )
     assert pairs.gate_probability == pytest.approx(1 - np.exp(-(distance**2) / 2))
     squares, steps = (
         table(pairs, pairs.distance_squared, np.inf),
         table(pairs, pairs.size_difference),
     )
     for i in range(n):
-        assert pairs.log_determinant[i] == pytest.approx(np.linalg.slogdet(residual[i])[1])
+        assert pairs.log_determinant[i] == pytest.approx(
+            np.linalg.slogdet(residual[i])[1]
+        )
         area = np.pi * distance**2 * np.sqrt(np.linalg.det(residual[i]))
         assert pairs.gate_area[i] == pytest.approx(area, abs=1e-9)
         for j in range(m):
             apart = detected[j] - expected[i]
             square = apart @ np.linalg.inv(residual[i]) @ apart
             inside = square < distance**2 and not abs(depth[i] - seen[j]) >= 1500
-            assert squares[i, j] == pytest.approx(square if inside else np.inf, rel=1e-6)
+            assert squares[i, j] == pytest.approx(
+                square if inside else np.inf, rel=1e-6
+            )
             assert steps[i, j] == (abs(sizes[i] - counts[j]) if inside else 0)
 
 
 def test_the_limits_of_the_gate_are_outside_and_unknown_numbers_pass():
-    at, unit, depth = np.zeros((1, 2)), np.eye(2)[None], np.array([500.0, 500, 600, 599, NAN])
+    at, unit, depth = (
+        np.zeros((1, 2)),
+        np.eye(2)[None],
+        np.array([500.0, 500, 600, 599, NAN]),
+    )
     places = np.array([[0, 2], [0, 1.999], [0, 1], [0, 1], [0, 1]])
-    pairs = Gate(2.0, 100.0)(at, unit, Detected(places, depth), np.array([500.0]), at[:, 0])
+    pairs = Gate(2.0, 100.0)(
+        at, unit, Detected(places, depth), np.array([500.0]), at[:, 0]
+    )
     assert pairs.detection.tolist() == [1, 3, 4]
     assert not pairs.size_difference.any()
     assert not len(Gate(0.0)(at, unit, Detected(at)).track)
-    far = Gate(1e6, np.inf)(at, unit, Detected(np.array([[9e5, 0]]), depth[:1]), np.array([1e9]))
+    far = Gate(1e6, np.inf)(
+        at, unit, Detected(np.array([[9e5, 0]]), depth[:1]), np.array([1e9])
+    )
     assert far.distance_squared == pytest.approx(8.1e11)

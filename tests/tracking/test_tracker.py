@@ -6,7 +6,12 @@ import pytest
 
 from kilnflight.association import GNN, JPDA, NearestNeighbor
 from kilnflight.checks import InputError
-from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Detected, Gate
+from kilnflight.tracking.filter import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    Detected,
+    Gate,
+)
 from kilnflight.tracking.tracker import Management, record, track
 
 trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
@@ -20,7 +25,9 @@ def flight(start, velocity, frames=20, first=0, **columns):
 
 
 def together(*flights):
-    """The flights in one table, in the order of time; ``truth`` is the number of the flight."""
+    """The flights in one table, in the order of time; ``truth`` is the number of the
+    flight.
+    """
     table = pd.concat([first.assign(truth=k) for k, first in enumerate(flights)])
     return table.sort_values(["frame", "row"], ignore_index=True)
 
@@ -54,8 +61,16 @@ def test_tracks_end_that_are_hidden_too_long():
 @pytest.mark.parametrize(
     ("visibility", "seen", "expected"),
     [
-        (0.5, [0, 2, 3], [0, 0, 0]),  # 1 of 2 frames when it is seen again, not below the limit
-        (0.51, [0, 2, 3], [0, 1, 1]),  # the second frame is missed, and the track ends at once
+        (
+            0.5,
+            [0, 2, 3],
+            [0, 0, 0],
+        ),  # 1 of 2 frames when it is seen again, not below the limit
+        (
+            0.51,
+            [0, 2, 3],
+            [0, 1, 1],
+        ),  # the second frame is missed, and the track ends at once
         (0.4, [0, 1, 4, 5], [0, 0, 0, 0]),  # 2 of 4
         (0.4, [0, 1, 5, 6], [0, 0, 0, 0]),  # 2 of 5
         (0.4, [0, 1, 6, 7], [0, 0, 1, 1]),  # 2 of 6
@@ -84,13 +99,17 @@ def test_depth_keeps_two_apart_and_is_the_last_known():
     far = flight((100.5, 100), (10, 12), z=6000.0, points=90)
     assert right(track(together(near, far)))
     near = flight((100, 100), (10, 0), 5, z=[3000.0, np.nan, np.nan, np.nan, np.nan])
-    far = flight((150, 100), (10, 0), 3, first=5, z=6000.0)  # as expected, but 3 m behind
+    far = flight(
+        (150, 100), (10, 0), 3, first=5, z=6000.0
+    )  # as expected, but 3 m behind
     assert right(track(together(near, far)))
     assert not track(together(near.assign(z=np.nan), far))["particle"].any()
 
 
 def test_a_gap_is_predicted_with_its_true_length():
-    table = pd.concat([flight((0, 0), (20, 5), 10), flight((500, 125), (20, 5), 5, first=25)])
+    table = pd.concat(
+        [flight((0, 0), (20, 5), 10), flight((500, 125), (20, 5), 5, first=25)]
+    )
     patient = Management(visibility=0.0, invisible=30)
     assert not track(table, management=patient)["particle"].any()
     assert track(table)["particle"].tolist() == [0] * 10 + [1] * 5
@@ -100,11 +119,15 @@ def test_a_gap_is_predicted_with_its_true_length():
 @trackers
 def test_no_track_is_twice_in_a_frame_whatever_the_place_and_time(associator):
     rng = np.random.default_rng(0)
-    table = pd.DataFrame(rng.integers(0, 400, (240, 2)), columns=["row", "col"]).astype(float)
+    table = pd.DataFrame(rng.integers(0, 400, (240, 2)), columns=["row", "col"]).astype(
+        float
+    )
     table.insert(0, "frame", np.repeat(np.arange(20), 12))
     result = track(table, associator)
     moved = table + {"frame": 300, "row": -77.0, "col": 12.0}
-    pd.testing.assert_series_equal(track(moved, associator)["particle"], result["particle"])
+    pd.testing.assert_series_equal(
+        track(moved, associator)["particle"], result["particle"]
+    )
     used = result["particle"] == -1  # by a track that was recorded with another one
     assert used.any() == isinstance(associator, JPDA)
     assert not result[~used].duplicated(["frame", "particle"]).any()
@@ -112,18 +135,25 @@ def test_no_track_is_twice_in_a_frame_whatever_the_place_and_time(associator):
 
 
 def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
-    """Section 5.2.3; by hand: 0.6 and 0.2 of 0.8 weigh 3 to 1, 0.14 and 0.56 weigh 1 to 4."""
+    """Section 5.2.3; by hand: 0.6 and 0.2 of 0.8 weigh 3 to 1, 0.14 and 0.56 weigh 1 to
+    4.
+    """
 
     def undecided(last):
         rows = np.array([[0.2, 0.6, 0.2, 0.0], last])
         return lambda pairs: rows[pairs.track, 1 + pairs.detection]
 
-    first = pd.DataFrame({"frame": 0, "row": [0.0, 8.0], "col": 0.0, "z": 5000.0, "gray": 1.0})
-    second = first.iloc[[0, 0, 0]].assign(frame=1, row=[0.0, 4.0, 14.0], gray=[7.0, 8.0, 9.0])
+    first = pd.DataFrame(
+        {"frame": 0, "row": [0.0, 8.0], "col": 0.0, "z": 5000.0, "gray": 1.0}
+    )
+    second = first.iloc[[0, 0, 0]].assign(
+        frame=1, row=[0.0, 4.0, 14.0], gray=[7.0, 8.0, 9.0]
+    )
     second["z"] = [5000.0, 5400.0, np.nan]
     table = pd.concat([first, second], ignore_index=True)
     result = track(table, undecided([0.5, 0.0, 0.1, 0.4]))
-    # the second track is rather missed (0.5 > 0.4), so it has used nothing; the first, 4.0
+    # the second track is rather missed (0.5 > 0.4), so it has used nothing; the first,
+    # 4.0
     assert result["particle"].tolist() == [0, 1, 0, -1, 2]
     np.testing.assert_allclose(result["row"], [0.0, 8.0, 1.0, 4.0, 14.0])
     np.testing.assert_allclose(result["z"], [5000.0, 5000.0, 5100.0, 5400.0, np.nan])
@@ -131,14 +161,19 @@ def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
     surer = track(table, undecided([0.3, 0.0, 0.14, 0.56]))
     assert surer["particle"].tolist() == [0, 1, 0, -1, 1]
     np.testing.assert_allclose(surer["row"], [0.0, 8.0, 1.0, 4.0, 12.0])
-    lenient = track(table, undecided([0.3, 0.0, 0.14, 0.56]), management=Management(used=0.3))
+    lenient = track(
+        table, undecided([0.3, 0.0, 0.14, 0.56]), management=Management(used=0.3)
+    )
     assert lenient["particle"].tolist() == [0, 1, 0, 2, 1]
 
 
 @pytest.mark.parametrize(
     ("weights", "owner"),
     [
-        ([[0.1, 0.6, 0.2, 0.1], [0.1, 0.7, 0.05, 0.15]], [1, 0, -1]),  # the larger weight first
+        (
+            [[0.1, 0.6, 0.2, 0.1], [0.1, 0.7, 0.05, 0.15]],
+            [1, 0, -1],
+        ),  # the larger weight first
         ([[0.55, 0.45], [0.6, 0.4], [1.0, 0.0]], [0]),  # 0.85 that it is of a track
         ([[0.8, 0.2], [0.75, 0.25]], [-1]),  # 0.45: rather of none
         ([[0.4, 0.25, 0.35]], [-1, 0]),  # neither beats "missed", both do (Eq. 4.10)
@@ -147,7 +182,9 @@ def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
 )
 def test_the_track_for_which_a_detection_is_recorded(weights, owner):
     at, (n, m) = np.zeros((3, 2)), np.subtract(np.shape(weights), (0, 1))
-    pairs = Gate()(at[:n], np.stack([np.eye(2)] * n), Detected(at[:1].repeat(m, axis=0)))
+    pairs = Gate()(
+        at[:n], np.stack([np.eye(2)] * n), Detected(at[:1].repeat(m, axis=0))
+    )
     assert record(pairs, np.array(weights)[:, 1:].ravel()).tolist() == owner
 
 

@@ -1,4 +1,6 @@
-"""Post-processing: all steps, each against its plain definition, and situations of chapter 4.2."""
+"""Post-processing: all steps, each against its plain definition, and situations of
+chapter 4.2.
+"""
 
 import numpy as np
 import pandas as pd
@@ -9,7 +11,14 @@ from scipy.optimize import linear_sum_assignment
 from tests.definitions import plain_tracklets as plain
 from tests.definitions.plain_tracklets import make_flights, make_table
 
-from kilnflight.tracklets import STEPS, Connection, Elimination, Fusion, OutlierRemoval, postprocess
+from kilnflight.tracklets import (
+    STEPS,
+    Connection,
+    Elimination,
+    Fusion,
+    OutlierRemoval,
+    postprocess,
+)
 from kilnflight.tracklets.joining import Candidates, dual_nearest, hungarian
 from kilnflight.tracklets.paths import read_paths, tracked
 
@@ -48,7 +57,9 @@ def test_the_plain_definitions(digits, seed, count):
         left = map(plain.without_outliers, plain.tracklets_of(table))
         same_tracks(OutlierRemoval()(table), [t for t in left if t])
     for step, fusion in ((Connection(), False), (Fusion(), True)):
-        pairs = step.candidates(read_paths(tracks, "tracks"), np.ones(len(given_tracks), bool))
+        pairs = step.candidates(
+            read_paths(tracks, "tracks"), np.ones(len(given_tracks), bool)
+        )
         costs = np.full(2 * (len(given_tracks),), np.inf)
         costs[pairs.earlier, pairs.later] = pairs.cost
         np.testing.assert_allclose(costs, plain.matrix(given_tracks, fusion), atol=1e-9)
@@ -64,7 +75,9 @@ def test_particles_are_numbered_by_first_frame_and_place(step):
     pd.testing.assert_frame_equal(step(named), result)
     result = tracked(result)
     assert sorted(set(result["particle"])) == list(range(result["particle"].nunique()))
-    first = result.sort_values("frame").groupby("particle")[["frame", "row", "col"]].first()
+    first = (
+        result.sort_values("frame").groupby("particle")[["frame", "row", "col"]].first()
+    )
     pd.testing.assert_frame_equal(first.sort_values(["frame", "row", "col"]), first)
     renamed = tracks.drop(columns="z").rename(columns={"row": "y", "col": "x"})
     expected = step(tracks.drop(columns="z")).rename(columns={"row": "y", "col": "x"})
@@ -80,8 +93,13 @@ def test_each_step_is_idempotent(step, seed):
 
 def test_a_merged_frame_is_the_mean_and_the_other_row_keeps_its_place():
     """Fig. 4.10, right: two common frames, 9 and 11."""
-    first, other = np.array([1, 3, 4, 5, 7, 9, 10, 11]), np.array([8, 9, 11, 13, 14, 15, 16])
-    tracks = make_table((first, 5.0 * first, 0.0, 3000.0), (other, 5.0 * other, 2.0, 3200.0))
+    first, other = (
+        np.array([1, 3, 4, 5, 7, 9, 10, 11]),
+        np.array([8, 9, 11, 13, 14, 15, 16]),
+    )
+    tracks = make_table(
+        (first, 5.0 * first, 0.0, 3000.0), (other, 5.0 * other, 2.0, 3200.0)
+    )
     tracks = tracks.assign(x=tracks["z"] / 10, y=1.0)
     result = postprocess(tracks)
     lost = result["particle"] == -1
@@ -121,7 +139,12 @@ def off(where, count):
         (T[:10], 5.0 * T[:10], off(1, 10), [1]),
         (T[:4], 5.0 * T[:4], off(2, 4), [2]),  # judged backwards
         (T[:10], 5.0 * T[:10], off(2, 10), [1, 2]),  # the first point comes first
-        ([0, 1, 2, 12, 13], [0, 5, 10, 60, 65.0], [0, 0, 0, 50, 50.0], []),  # over a gap
+        (
+            [0, 1, 2, 12, 13],
+            [0, 5, 10, 60, 65.0],
+            [0, 0, 0, 50, 50.0],
+            [],
+        ),  # over a gap
     ],
 )
 def test_situations_of_figs_4_5_to_4_7(frame, row, col, removed):
@@ -139,7 +162,12 @@ def test_situations_of_figs_4_5_to_4_7(frame, row, col, removed):
         (Connection(), line(0, 20), line(8, 10), False),  # one within the other
         (Connection(), line(0, 9, z=1000.0), line(10, 19, z=2400.0), True),  # Eq. 4.22
         (Connection(), line(0, 9, z=1000.0), line(10, 19, z=2500.0), False),
-        (Connection(), line(0, 9, z=1000.0), line(11, 19, z=3900.0), True),  # over two frames
+        (
+            Connection(),
+            line(0, 9, z=1000.0),
+            line(11, 19, z=3900.0),
+            True,
+        ),  # over two frames
         # the speed across the gap: up to (36 + 2 * 5) / 2 = 5 + 18 px/frame
         (Connection(), line(0, 9), (T[11:21], 5.0 * T[11:21] + 36, 0.0), True),
         (Connection(), line(0, 9), (T[11:21], 5.0 * T[11:21] + 37, 0.0), False),
@@ -160,7 +188,9 @@ def chosen(matching, matrix):
 
 
 def test_munkres_gives_up_the_nearest_pair_and_dnn_does_not():
-    """As in Fig. 4.14, whose numbers the text does not give: 1-2 is best, Munkres takes 1-3."""
+    """As in Fig. 4.14, whose numbers the text does not give: 1-2 is best, Munkres takes
+    1-3.
+    """
     matrix = np.full((4, 4), np.inf)
     matrix[0, 1], matrix[0, 2], matrix[3, 1] = 1.0, 5.0, 4.0
     assert chosen(dual_nearest, matrix) == [(0, 1)]
@@ -177,4 +207,6 @@ def test_munkres_joins_most_pairs_at_the_least_cost(seed, size, levels):
     costs = matrix[linear_sum_assignment(np.where(matrix < np.inf, matrix, 1e9))]
     result = chosen(hungarian, matrix)
     assert len(result) == np.isfinite(costs).sum()
-    assert sum(matrix[pair] for pair in result) == pytest.approx(costs[costs < np.inf].sum())
+    assert sum(matrix[pair] for pair in result) == pytest.approx(
+        costs[costs < np.inf].sum()
+    )

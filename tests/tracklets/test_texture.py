@@ -6,7 +6,12 @@ from scipy.ndimage import correlate1d
 from tests.definitions.plain_tracklets import make_table
 
 from kilnflight.tracklets import Connection, tracked
-from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, level_edge, texture_energy
+from kilnflight.tracklets.texture import (
+    LAWS_EDGE,
+    LAWS_LEVEL,
+    level_edge,
+    texture_energy,
+)
 
 
 def streak(angle_deg, size=101):
@@ -37,7 +42,13 @@ def test_the_energy_is_that_of_scipy_and_shows_a_streak(angle):
         ((50, 60), (70, 60), (48, 73, 43, 78), (2, 23), (2, 33)),  # down
         ((50, 60), (50, 80), (33, 68, 58, 83), (2, 33), (2, 23)),  # across
         ((70, 60), (50, 60), (48, 73, 43, 78), (2, 23), (2, 33)),  # up
-        ((50, 60), (50, 60), (48, 53, 43, 78), (2, 3), (2, 33)),  # the same place: one line
+        (
+            (50, 60),
+            (50, 60),
+            (48, 53, 43, 78),
+            (2, 3),
+            (2, 33),
+        ),  # the same place: one line
         ((3, 4), (9, 4), (1, 12, 0, 22), (2, 9), (0, 20)),  # at the border of the image
     ],
 )
@@ -49,13 +60,18 @@ def test_the_box_and_the_parallelogram(start, end, box, rows, cols):
     inside[slice(*rows), slice(*cols)] = True
     found = level_edge(np.array(start, float), np.array(end, float), (1, 2), frames)
     assert found == pytest.approx(texture_energy(window, LAWS_LEVEL, LAWS_EDGE, inside))
-    assert level_edge(np.array([500.0, 20.0]), np.array([520.0, 20.0]), (1, 2), frames) == 0.0
+    assert (
+        level_edge(np.array([500.0, 20.0]), np.array([520.0, 20.0]), (1, 2), frames)
+        == 0.0
+    )
 
 
 def test_the_streak_decides_which_tracklets_are_connected():
     """Two continue the first equally well; the picture shows which one it was."""
     frame, later = np.arange(6), np.arange(12, 18)
-    sides = [(later, 80.0 + 8 * later, 150.0 + side * 2.0 * (later - 5)) for side in (-1, 1)]
+    sides = [
+        (later, 80.0 + 8 * later, 150.0 + side * 2.0 * (later - 5)) for side in (-1, 1)
+    ]
     tracks = make_table((frame, 80.0 + 8 * frame, 150.0), *sides)
     centre = 150 + np.maximum(0.0, 0.25 * (np.arange(300) - 120))
     image = 1e6 * np.exp(-(((np.arange(300) - centre[:, None]) / 4) ** 2))

@@ -3,21 +3,23 @@ r"""Background models for subtraction (thesis, section 2.2.1).
     stack of grey frames -> model(frames, indices) -> one foreground per requested frame
 
 =================  ================  ============================================  =========
-model              equation          default                                       source
+model              equation          default
+source
 =================  ================  ============================================  =========
-`TwoFrame`         Eq. 2.5           3 frames before                               Table 5.4
-`ThreeFrame`       Eq. 2.6           3 frames before and after                     Table 5.4
-`Mean`             sec. 2.2.1        25 frames before and 25 after                 Table 5.4
-`Median`           sec. 2.2.1        75 frames before and 75 after                 Table 5.4
-`Adaptive`         Eqs 2.7, 2.8      25 frames before and 25 after, alpha 0.05     Table 5.4
-`RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4                  Table 5.4
+`TwoFrame`         Eq. 2.5           3 frames before                               Table
+5.4 `ThreeFrame`       Eq. 2.6           3 frames before and after
+Table 5.4 `Mean`             sec. 2.2.1        25 frames before and 25 after
+Table 5.4 `Median`           sec. 2.2.1        75 frames before and 75 after
+Table 5.4 `Adaptive`         Eqs 2.7, 2.8      25 frames before and 25 after, alpha 0.05
+Table 5.4 `RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4
+Table 5.4
 =================  ================  ============================================  =========
 
-The foreground is the difference of frame and background in grey values, a new float32 array that
-depends on no other requested frame. It stops at zero, as that of two pictures of 16 bits does;
-``absolute=True`` takes the absolute difference, whose bars stand in Eqs 2.5, 2.6 and 2.10. `Mean`,
-`Median`, `Adaptive` and `RunningGaussian` also have ``backgrounds(frames, indices)``, the images of
-Fig. 5.2.
+The foreground is the difference of frame and background in grey values, a new float32
+array that depends on no other requested frame. It stops at zero, as that of two
+pictures of 16 bits does; ``absolute=True`` takes the absolute difference, whose bars
+stand in Eqs 2.5, 2.6 and 2.10. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also
+have ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """
 
 from collections.abc import Callable, Iterable, Iterator

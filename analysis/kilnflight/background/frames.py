@@ -31,20 +31,23 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
         numbers = tuple(operator.index(index) for index in indices)
     except TypeError as error:
         raise InputError(
-            f"indices: {indices!r} is no series of frame numbers ({error}). Pass whole numbers."
+            f"indices: {indices!r} is no series of frame numbers ({error}). Pass "
+            "whole numbers."
         ) from error
     for index in numbers:
         if not 0 <= index < length:
-            raise InputError(f"indices: there is no frame {index}; the stack has {length} frames.")
+            raise InputError(
+                f"indices: there is no frame {index}; the stack has {length} frames."
+            )
     return numbers
 
 
 def surrounding(index: int, window: int, length: int) -> range:
     """Return the numbers of a frame and of the ``window`` frames nearest in time.
 
-    ``index`` is the frame's number, ``length`` the frames of the recording. As many are before as
-    after (of an odd window, one more before). At the ends of the recording the window is shifted to
-    stay inside. A shorter recording gives all its frames.
+    ``index`` is the frame's number, ``length`` the frames of the recording. As many are
+    before as after (of an odd window, one more before). At the ends of the recording
+    the window is shifted to stay inside. A shorter recording gives all its frames.
 
     Examples
     --------
@@ -61,8 +64,8 @@ def surrounding(index: int, window: int, length: int) -> range:
 class HeldFrames:
     """Frames in use, each read from its stack once.
 
-    An array that its owner may change is copied. ``shape`` and ``kind``, the type, are those of the
-    first frame read.
+    An array that its owner may change is copied. ``shape`` and ``kind``, the type, are
+    those of the first frame read.
 
     Parameters
     ----------
@@ -74,11 +77,14 @@ class HeldFrames:
 
     def __init__(self, frames: Frames, capacity: int) -> None:
         if not hasattr(frames, "__getitem__") or not hasattr(frames, "__len__"):
-            raise InputError(f"frames: {type(frames).__name__} is no stack of pictures.")
+            raise InputError(
+                f"frames: {type(frames).__name__} is no stack of pictures."
+            )
         self.length = len(frames)
         self.shape: tuple[int, ...] = (0, 0)
         self.kind: np.dtype[Any] = np.dtype(np.uint16)
-        self._frames, self._capacity = frames, capacity
+        self._frames = frames
+        self._capacity = capacity
         self._images: dict[int, npt.NDArray[Any]] = {}  # by frame number
 
     @property
@@ -88,7 +94,8 @@ class HeldFrames:
 
     def fetch(self, indices: Sequence[int]) -> None:
         """Read these frames unless they are held; there are at most ``capacity``."""
-        low, high = min(indices), max(indices)
+        low = min(indices)
+        high = max(indices)
         for index in indices:
             if index not in self._images:
                 if len(self._images) == self._capacity:
@@ -101,22 +108,29 @@ class HeldFrames:
         return self._images[index]
 
     def _read(self, index: int) -> npt.NDArray[Any]:
-        """Return a frame (rows, cols) of the stack, checked, in the machine's byte order."""
+        """Return a frame (rows, cols) of the stack, checked, in the machine's byte
+        order.
+        """
         image = real_numbers(self._frames[index], f"frame {index}")
         kind = image.dtype.newbyteorder("=")
         if image.ndim != 2 or not image.size or kind.str[1:] not in GRAY_TYPES:
             raise InputError(
-                f"frame {index}: {kind} of shape {image.shape}, expected one gray channel (rows, "
-                "cols) of integers up to 32 bit, float32 or float64. Convert it."
+                f"frame {index}: {kind} of shape {image.shape}, expected one gray "
+                "channel (rows, cols) of integers up to 32 bit, float32 or float64. "
+                "Convert it."
             )
         if not self._images:
-            self.shape, self.kind = image.shape, kind
+            self.shape = image.shape
+            self.kind = kind
         if image.shape != self.shape or kind != self.kind:
             raise InputError(
-                f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._images)} is "
-                f"{self.kind} of shape {self.shape}. Split the stack where it changes."
+                f"frame {index}: {kind} of shape {image.shape}, but frame "
+                f"{min(self._images)} is {self.kind} of shape {self.shape}. Split the "
+                "stack where it changes."
             )
         if kind.kind == "f":
             check_finite(image, f"frame {index}")
         # copied only where needed: the caller may hold read-only frames, too
-        return np.array(image, kind, order="C", copy=True if image.flags.writeable else None)
+        return np.array(
+            image, kind, order="C", copy=True if image.flags.writeable else None
+        )

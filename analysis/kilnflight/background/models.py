@@ -1,7 +1,8 @@
 """Background models of Table 5.4 (thesis, section 2.2.1).
 
-The recursive ones use OpenCV's weighted accumulation, B <- (1 - weight) B + weight I. It runs over
-differences from a reference frame, so that a still recording has no foreground.
+The recursive ones use OpenCV's weighted accumulation, B <- (1 - weight) B + weight I.
+It runs over differences from a reference frame, so that a still recording has no
+foreground.
 """
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Single
 from kilnflight.background.frames import Frames, HeldFrames, check_indices, surrounding
-from kilnflight.background.sliding_median import MEDIAN_CHUNK, Backgrounds, window_medians
+from kilnflight.background.sliding_median import (
+    MEDIAN_CHUNK,
+    Backgrounds,
+    window_medians,
+)
 from kilnflight.checks import check_number
 
 _Image = npt.NDArray[Any]
@@ -41,10 +46,11 @@ class Subtraction:
     Parameters
     ----------
     absolute
-        Whether the difference is absolute. False: it stops at zero, as that of two pictures of
-        16 bits does in MATLAB, so that pixels darker than the background vanish. Eqs 2.5, 2.6
-        and 2.10 have bars; for mean, median and adaptive learning no difference is printed, and
-        section 3.1 says that dark particles "might be deleted".
+        Whether the difference is absolute. False: it stops at zero, as that of two
+        pictures of 16 bits does in MATLAB, so that pixels darker than the background
+        vanish. Eqs 2.5, 2.6 and 2.10 have bars; for mean, median and adaptive learning
+        no difference is printed, and section 3.1 says that dark particles "might be
+        deleted".
     """
 
     absolute: bool = field(default=False, kw_only=True)
@@ -79,20 +85,26 @@ class TwoFrame(Subtraction):
     _sides: ClassVar[tuple[int, ...]] = (-1,)  # -1: an earlier frame, 1: a later one
 
     def __post_init__(self) -> None:
-        check_number(self.interval, f"{type(self).__name__}: interval", least=1, whole=True)
+        check_number(
+            self.interval, f"{type(self).__name__}: interval", least=1, whole=True
+        )
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
 
-        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame numbers from
-        0, in any order.
+        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame
+        numbers from 0, in any order.
         """
         held = HeldFrames(frames, 2 * self.interval + 1)
         return (self._foreground(held, t) for t in check_indices(indices, held.length))
 
     def _foreground(self, held: HeldFrames, t: int) -> Single:
-        """Return the mean difference (rows, cols) of frame t from the frames of `_sides`."""
-        beside = [_partner(t, side * self.interval, held.length) for side in self._sides]
+        """Return the mean difference (rows, cols) of frame t from the frames of
+        `_sides`.
+        """
+        beside = [
+            _partner(t, side * self.interval, held.length) for side in self._sides
+        ]
         held.fetch([t, *beside])
         total = sum(self._difference(held[t], held[other]) for other in beside)
         return np.asarray(total / len(beside), dtype=np.float32)
@@ -149,14 +161,18 @@ class WindowModel(Subtraction, ABC):
         """Yield the background (rows, cols) of each requested frame, as in Fig. 5.2."""
         return (image.copy() for _, image in self._prepared(frames, indices)[1])
 
-    def _prepared(self, frames: Frames, indices: Iterable[int]) -> tuple[HeldFrames, Backgrounds]:
+    def _prepared(
+        self, frames: Frames, indices: Iterable[int]
+    ) -> tuple[HeldFrames, Backgrounds]:
         """Return the frames that are held, and each frame number with its background."""
         held = HeldFrames(frames, self.window + self._room)
         return held, self._backgrounds(held, check_indices(indices, held.length))
 
     @abstractmethod
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
-        """Yield each frame number with its background (rows, cols), valid until the next."""
+        """Yield each frame number with its background (rows, cols), valid until the
+        next.
+        """
 
 
 @dataclass(frozen=True)
@@ -167,10 +183,10 @@ class Mean(WindowModel):
 
     Notes
     -----
-    Table 5.4 counts 50 frames as 25 previous and 25 subsequent ones, so the frame itself
-    is not among them. At the ends of the recording the window is shifted to stay inside.
-    A recording no longer than the window gives all other frames. A single frame is
-    its own background.
+    Table 5.4 counts 50 frames as 25 previous and 25 subsequent ones, so the frame
+    itself is not among them. At the ends of the recording the window is shifted to stay
+    inside. A recording no longer than the window gives all other frames. A single frame
+    is its own background.
     """
 
     window: int = 50  # frames, Table 5.4
@@ -196,14 +212,14 @@ def _mean(held: HeldFrames, t: int, window: int) -> _Image:
 class Median(WindowModel):
     """Subtract the median of the frames around each frame.
 
-    The mean of the two middle values for an even number of frames. Source: section 2.2.1
-    (static frame difference) and Table 5.4, Zhang 2023.
+    The mean of the two middle values for an even number of frames. Source: section
+    2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
 
     Notes
     -----
-    Table 5.4 counts 150 frames as 75 previous and 75 subsequent ones, so the frame itself
-    is not among them. The ends of the recording are as in `Mean`. Up to 31 frames more than
-    the window are held, because neighbours share the work.
+    Table 5.4 counts 150 frames as 75 previous and 75 subsequent ones, so the frame
+    itself is not among them. The ends of the recording are as in `Mean`. Up to 31
+    frames more than the window are held, because neighbours share the work.
     """
 
     window: int = 150  # frames, Table 5.4
@@ -227,10 +243,10 @@ class Adaptive(WindowModel):
     Notes
     -----
     The thesis leaves open how many times Eq. 2.8 is applied. Table 5.4 places the 50
-    frames of the initial mean B_0 (Eq. 2.7) around the requested frame, 25 previous and 25
-    subsequent. The recursion then runs over the 25 previous frames and the frame itself.
-    Thus B_t depends only on frames around t. At the ends of the recording
-    the mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
+    frames of the initial mean B_0 (Eq. 2.7) around the requested frame, 25 previous and
+    25 subsequent. The recursion then runs over the 25 previous frames and the frame
+    itself. Thus B_t depends only on frames around t. At the ends of the recording the
+    mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
     earliest.
     """
 
@@ -262,7 +278,8 @@ class Adaptive(WindowModel):
 class RunningGaussian(Subtraction):
     """Keep differences from a running average that are significant (Eqs 2.9, 2.10).
 
-    The foreground is the difference where it exceeds ``k`` standard deviations, 0 elsewhere.
+    The foreground is the difference where it exceeds ``k`` standard deviations, 0
+    elsewhere.
 
     Parameters
     ----------
@@ -278,10 +295,11 @@ class RunningGaussian(Subtraction):
     Eq. 2.9 gives alpha to the current frame; with the 0.99 of Table 5.4 the background
     would be the current frame. The text says that the first image dominates it, so 0.99
     is read as the weight of the previous average, here ``memory``. The recursion runs
-    over the 10 frames that end with the requested frame. It starts with the first of them
-    and a standard deviation of 0, which follows by the same recursion of squared deviations.
-    Near the start of a recording there are fewer, and frame 0 has no foreground. Section
-    5.1.2 subtracts this background too, so the selected pixels keep their difference.
+    over the 10 frames that end with the requested frame. It starts with the first of
+    them and a standard deviation of 0, which follows by the same recursion of squared
+    deviations. Near the start of a recording there are fewer, and frame 0 has no
+    foreground. Section 5.1.2 subtracts this background too, so the selected pixels keep
+    their difference.
     """
 
     window: int = 10  # frames, Table 5.4
@@ -296,16 +314,20 @@ class RunningGaussian(Subtraction):
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
 
-        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame numbers from
-        0, in any order.
+        ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame
+        numbers from 0, in any order.
         """
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
-        """Yield the running average (rows, cols) of each requested frame, as in Fig. 5.2."""
+        """Yield the running average (rows, cols) of each requested frame, as in Fig.
+        5.2.
+        """
         return (mean for mean, _ in self._averaged(frames, indices))
 
-    def _averaged(self, frames: Frames, indices: Iterable[int]) -> Iterator[tuple[_Image, Single]]:
+    def _averaged(
+        self, frames: Frames, indices: Iterable[int]
+    ) -> Iterator[tuple[_Image, Single]]:
         held = HeldFrames(frames, self.window)
         return (self._average(held, t) for t in check_indices(indices, held.length))
 
@@ -320,7 +342,9 @@ class RunningGaussian(Subtraction):
             deviation = image - mean
             cv2.accumulateWeighted(deviation**2, variance, 1 - self.memory)
         selected = deviation**2 > self.k**2 * variance
-        foreground = self._difference(np.where(selected, deviation, 0), np.zeros(held.shape))
+        foreground = self._difference(
+            np.where(selected, deviation, 0), np.zeros(held.shape)
+        )
         return (held[first] + mean).astype(held.precise), foreground
 
 
@@ -331,7 +355,9 @@ class Surroundings:
     Positive differences stay, as with `Median`.
     """
 
-    width_px: float = 20.0  # standard deviation of the Gaussian; wider things are background
+    width_px: float = (
+        20.0  # standard deviation of the Gaussian; wider things are background
+    )
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32."""

@@ -1,10 +1,11 @@
 """Medians of the frames around each frame, a chunk at a time.
 
-All windows of a chunk share most of their frames. The shared frames are sorted once, and the
-windows are separated by halving. Each half of the windows shares more frames, which are merged in
-as sorted runs (Batcher's odd-even merge). A rank that cannot become a middle rank of any window is
-dropped, with every comparison that only served it. The program of minima and maxima is the same
-for every pixel; compiled code runs it tile by tile.
+All windows of a chunk share most of their frames. The shared frames are sorted once,
+and the windows are separated by halving. Each half of the windows shares more frames,
+which are merged in as sorted runs (Batcher's odd-even merge). A rank that cannot become
+a middle rank of any window is dropped, with every comparison that only served it. The
+program of minima and maxima is the same for every pixel; compiled code runs it tile by
+tile.
 """
 
 from __future__ import annotations
@@ -22,11 +23,16 @@ from numba import njit
 
 from kilnflight.background.frames import HeldFrames, surrounding
 
-Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]  # frame numbers and images (rows, cols)
-# frames; 52 comparisons a pixel and window, 67 for chunks of 32; the slots of 96 exceed the cache
+Backgrounds = Iterator[
+    tuple[int, npt.NDArray[Any]]
+]  # frame numbers and images (rows, cols)
+# frames; 52 comparisons a pixel and window, 67 for chunks of 32; the slots of 96 exceed
+# the cache
 MEDIAN_CHUNK = 64
 _BAND = 65_536  # pixels of all frames that are copied side by side
-_TILE = 1024  # pixels; some 270 slots of 16 bit fill a second-level cache; 512 took longer
+_TILE = (
+    1024  # pixels; some 270 slots of 16 bit fill a second-level cache; 512 took longer
+)
 _LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)
 # Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.
@@ -38,16 +44,21 @@ _UNUSED = -1  # in a program, the last row of the scratch memory
 class _Network:
     """Comparisons that find the middle ranks of all windows of a chunk, at one pixel.
 
-    Values are numbered: value i below ``inputs`` is the pixel in frame i of the chunk, later ones
-    are results of comparisons. A list of values is sorted, the smallest first.
+    Values are numbered: value i below ``inputs`` is the pixel in frame i of the chunk,
+    later ones are results of comparisons. A list of values is sorted, the smallest
+    first.
     """
 
     size: int  # frames per window
     ranks: tuple[int, ...]  # of a window that are wanted, ascending from 0
     inputs: int  # frames of the chunk
     steps: list[_Step] = field(default_factory=list)  # comparisons, in order
-    runs: dict[range, list[int]] = field(default_factory=dict)  # frames -> their sorted values
-    outputs: dict[int, list[int]] = field(default_factory=dict)  # window's first frame -> `ranks`
+    runs: dict[range, list[int]] = field(
+        default_factory=dict
+    )  # frames -> their sorted values
+    outputs: dict[int, list[int]] = field(
+        default_factory=dict
+    )  # window's first frame -> `ranks`
 
     def compare(self, a: int, b: int) -> list[int]:
         """Add a comparison; return the numbers of its minimum and its maximum."""
@@ -75,14 +86,19 @@ class _Network:
             return list(frames)
         if frames not in self.runs:
             half = len(frames) // 2
-            self.runs[frames] = self.merge(self.run(frames[:half]), self.run(frames[half:]))
+            self.runs[frames] = self.merge(
+                self.run(frames[:half]), self.run(frames[half:])
+            )
         return self.runs[frames]
 
-    def select(self, starts: list[int], values: list[int], base: int, known: range) -> None:
+    def select(
+        self, starts: list[int], values: list[int], base: int, known: range
+    ) -> None:
         """Find the outputs of the windows that begin at ``starts``, by halving them.
 
-        All of them contain the frames ``known``. ``values`` are the sorted values of these frames,
-        from rank ``base`` on: only ranks that may become a middle rank of some window.
+        All of them contain the frames ``known``. ``values`` are the sorted values of
+        these frames, from rank ``base`` on: only ranks that may become a middle rank of
+        some window.
         """
         if len(starts) == 1:
             self.outputs[starts[0]] = [values[rank - base] for rank in self.ranks]
@@ -90,7 +106,9 @@ class _Network:
         half = len(starts) // 2
         for part in (starts[:half], starts[half:]):
             shared = range(part[-1], max(part[0] + self.size, part[-1]))
-            left = range(shared.start, min(known.start, shared.stop)) if known else shared
+            left = (
+                range(shared.start, min(known.start, shared.stop)) if known else shared
+            )
             right = range(known.stop, shared.stop) if known else range(0)
             grown = self.merge(values, self.merge(self.run(left), self.run(right)))
             self.select(part, *self.kept(grown, base, shared), shared)
@@ -98,8 +116,8 @@ class _Network:
     def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
         """Return the values that can become a middle rank, and the rank of the first.
 
-        ``values`` are the sorted ones of the frames ``known``, from rank ``base`` on. The other
-        frames of a window can only raise the rank of a value.
+        ``values`` are the sorted ones of the frames ``known``, from rank ``base`` on.
+        The other frames of a window can only raise the rank of a value.
         """
         first = max(self.ranks[0] - self.size + len(known), 0)
         last = min(self.ranks[-1], len(known) - 1)
@@ -113,13 +131,20 @@ class _Network:
             if low in used or high in used:
                 used |= {a, b}
                 steps.append(
-                    (a, b, low if low in used else _UNUSED, high if high in used else _UNUSED)
+                    (
+                        a,
+                        b,
+                        low if low in used else _UNUSED,
+                        high if high in used else _UNUSED,
+                    )
                 )
         return steps[::-1]
 
 
 @lru_cache  # most chunks share a program, which takes 30 ms
-def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.NDArray[np.uint64]:
+def _program(
+    size: int, ranks: tuple[int, ...], starts: tuple[int, ...]
+) -> npt.NDArray[np.uint64]:
     """Return the program (n, 6) that emits four ranks of every window.
 
     Each row is a step.
@@ -131,21 +156,23 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
     ranks
         The four ranks, ascending, counted from 0; they may repeat.
     starts
-        First frame of each output's window, counted from the first frame of the chunk. Windows may
-        be in any order and repeat.
+        First frame of each output's window, counted from the first frame of the chunk.
+        Windows may be in any order and repeat.
 
     Notes
     -----
-    A slot is a row of scratch memory. Columns by kind of step: `_LOAD`, frame, slot; `_COMPARE`,
-    two slots, slot of the minimum, slot of the maximum; `_EMIT`, output, slots of the ranks. What
-    is not read, and what fills a row, is the largest number. To use few slots, frames are loaded
-    late, outputs emitted early, and slots used again. A step never writes a slot that it reads.
+    A slot is a row of scratch memory. Columns by kind of step: `_LOAD`, frame, slot;
+    `_COMPARE`, two slots, slot of the minimum, slot of the maximum; `_EMIT`, output,
+    slots of the ranks. What is not read, and what fills a row, is the largest number.
+    To use few slots, frames are loaded late, outputs emitted early, and slots used
+    again. A step never writes a slot that it reads.
     """
     distinct = sorted(set(starts))
     network = _Network(size, ranks, distinct[-1] + size)
     shared = range(distinct[-1], max(distinct[0] + size, distinct[-1]))
     network.select(distinct, *network.kept(network.run(shared), 0, shared), shared)
-    steps, outputs = network.needed(), [network.outputs[start] for start in starts]
+    steps = network.needed()
+    outputs = [network.outputs[start] for start in starts]
     step_of = {value: number for number, step in enumerate(steps) for value in step[2:]}
     ready = [max(step_of[value] for value in values) for values in outputs]
     uses = Counter(chain(*(step[:2] for step in steps), *outputs))
@@ -160,7 +187,9 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
 
     def release(values: Sequence[int]) -> None:
         uses.subtract(values)
-        free.extend(slots.pop(value) for value in dict.fromkeys(values) if not uses[value])
+        free.extend(
+            slots.pop(value) for value in dict.fromkeys(values) if not uses[value]
+        )
 
     for number, (a, b, low, high) in enumerate(steps):
         table += [[_LOAD, value, take(value)] for value in (a, b) if value not in slots]
@@ -176,26 +205,33 @@ def _program(size: int, ranks: tuple[int, ...], starts: tuple[int, ...]) -> npt.
 
 
 @njit(cache=True)
-def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any) -> None:
+def _execute(
+    table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any
+) -> None:
     """Run a program on a band of p pixels and write the medians into ``out``.
 
-    ``table`` (n, 6) is from `_program`, and ``scratch`` has more rows of `_TILE` pixels than
-    there are slots. ``pixels`` (f, p) is the band in the f frames of the chunk. ``frames``
-    (outputs,) are the rows of ``pixels`` whose medians are wanted. The band begins at pixel
-    ``start`` of ``out`` (outputs, all pixels). Tiles keep the scratch memory in the processor's
-    cache.
+    ``table`` (n, 6) is from `_program`, and ``scratch`` has more rows of `_TILE` pixels
+    than there are slots. ``pixels`` (f, p) is the band in the f frames of the chunk.
+    ``frames`` (outputs,) are the rows of ``pixels`` whose medians are wanted. The band
+    begins at pixel ``start`` of ``out`` (outputs, all pixels). Tiles keep the scratch
+    memory in the processor's cache.
 
-    Numbers are unsigned, as negative ones would have to be tested; rows are no slices, whose
-    owners are counted. Both take longer than the comparisons of a tile.
+    Numbers are unsigned, as negative ones would have to be tested; rows are no slices,
+    whose owners are counted. Both take longer than the comparisons of a tile.
     """
     for first in range(np.uint64(0), np.uint64(pixels.shape[1]), np.uint64(_TILE)):
         count = min(np.uint64(_TILE), np.uint64(pixels.shape[1]) - first)
         for step in range(len(table)):
-            kind, a, b, c = table[step, 0], table[step, 1], table[step, 2], table[step, 3]
-            d, e = table[step, 4], table[step, 5]
+            kind = table[step, 0]
+            a = table[step, 1]
+            b = table[step, 2]
+            c = table[step, 3]
+            d = table[step, 4]
+            e = table[step, 5]
             if kind == _COMPARE:
                 for p in range(np.uint64(_TILE)):
-                    x, y = scratch[a, p], scratch[b, p]
+                    x = scratch[a, p]
+                    y = scratch[b, p]
                     scratch[c, p] = min(x, y)
                     scratch[d, p] = max(x, y)
             elif kind == _LOAD:
@@ -203,21 +239,29 @@ def _execute(table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start
                     scratch[b, p] = pixels[a, first + p]
             else:
                 target = out[a, start + first : start + first + count]
-                _middle(scratch, (b, c, d, e), pixels[frames[a], first : first + count], target)
+                _middle(
+                    scratch,
+                    (b, c, d, e),
+                    pixels[frames[a], first : first + count],
+                    target,
+                )
 
 
 @njit(cache=True)
 def _middle(scratch: Any, ranks: Any, frame: Any, out: Any) -> None:
     """Write into ``out`` (p,) the median of a window without the frame itself.
 
-    ``ranks`` are four rows of ``scratch``: the window's values at the two middle ranks of the
-    others, each followed by the next higher value. ``frame`` (p,) is the frame. Leaving out its
-    value moves the ranks above it by one.
+    ``ranks`` are four rows of ``scratch``: the window's values at the two middle ranks
+    of the others, each followed by the next higher value. ``frame`` (p,) is the frame.
+    Leaving out its value moves the ranks above it by one.
     """
     low, above_low, high, above_high = ranks
     for p in range(np.uint64(out.size)):
-        x, below, above = frame[p], scratch[low, p], scratch[high, p]
-        after_below, after_above = scratch[above_low, p], scratch[above_high, p]
+        x = frame[p]
+        below = scratch[low, p]
+        above = scratch[high, p]
+        after_below = scratch[above_low, p]
+        after_above = scratch[above_high, p]
         lower = after_below if x <= below else below  # both are read first: no branches
         upper = after_above if x <= above else above
         out[p] = 0.5 * (np.float64(lower) + np.float64(upper))
@@ -236,15 +280,17 @@ def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[i
         yield chunk
 
 
-def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Backgrounds:
+def window_medians(
+    held: HeldFrames, indices: Sequence[int], window: int
+) -> Backgrounds:
     """Yield each frame number with the median of the frames around it, (rows, cols).
 
-    ``indices`` are frame numbers, in any order. The ``window`` frames do not include the frame
-    itself. The median is that of `numpy.median`. The image is valid until the next is asked for.
-    ``held`` needs room for ``window + MEDIAN_CHUNK`` frames.
+    ``indices`` are frame numbers, in any order. The ``window`` frames do not include
+    the frame itself. The median is that of `numpy.median`. The image is valid until the
+    next is asked for. ``held`` needs room for ``window + MEDIAN_CHUNK`` frames.
 
-    Windows with the frame itself are consecutive frames and share nearly all work. So the program
-    gives the middle ranks with the frame, and `_middle` takes it out.
+    Windows with the frame itself are consecutive frames and share nearly all work. So
+    the program gives the middle ranks with the frame, and `_middle` takes it out.
     """
     out = np.empty((0, 0))
     for chunk in _chunks(indices, window, held.length):
@@ -253,17 +299,23 @@ def window_medians(held: HeldFrames, indices: Sequence[int], window: int) -> Bac
         needed = range(first, max(around.stop for around in windows))
         held.fetch(needed)
         if not out.size:
-            out = np.empty((min(MEDIAN_CHUNK, len(indices)), held[first].size), held.precise)
+            out = np.empty(
+                (min(MEDIAN_CHUNK, len(indices)), held[first].size), held.precise
+            )
         frames = (np.array(chunk) - first).astype(np.uint64)
-        if others := len(windows[0]) - 1:
-            low, high = (others - 1) // 2, others // 2
+        others = len(windows[0]) - 1
+        if others:
+            low = (others - 1) // 2
+            high = others // 2
             ranks = (low, low + 1, high, high + 1)
             table = _program(others + 1, ranks, tuple(w.start - first for w in windows))
             memory = np.zeros((int(table.max()) + 1) * _TILE + _LINE, held.kind)
             memory = memory[-memory.ctypes.data % _LINE // memory.itemsize :]
             scratch = memory[: len(memory) // _TILE * _TILE].reshape(-1, _TILE)
             for start in range(0, out.shape[1], _BAND):
-                band = np.stack([held[t].ravel()[start : start + _BAND] for t in needed])
+                band = np.stack(
+                    [held[t].ravel()[start : start + _BAND] for t in needed]
+                )
                 _execute(table, scratch, band, frames, out, np.uint64(start))
         else:
             out[: len(chunk)] = [held[t].ravel() for t in chunk]

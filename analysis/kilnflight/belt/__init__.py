@@ -5,12 +5,13 @@ The 2016 and 2020 papers::
     pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
                               \-> observed arrival -----------------> deviation  (2020)
-                                              predictions -> events of valves -> separation
+                                              predictions -> events of valves ->
+                                              separation
 
 `online` takes the same steps picture by picture, as a running sorter.
 
-Pictures and tracks are input: those of `kilnflight.simulated.belt`, or the authors' (`recordings`).
-Filter, gate and assignment are the kiln's.
+Pictures and tracks are input: those of `kilnflight.simulated.belt`, or the authors'
+(`recordings`). Filter, gate and assignment are the kiln's.
 
 ==========  ==========  ===========================================  ================
 arrival     equation    parameter from calibration                   reference

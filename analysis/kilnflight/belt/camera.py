@@ -1,7 +1,8 @@
-"""The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
+"""The belt and the camera above it: from pixels to millimetres (2016 paper, section
+IV.B).
 
-`find_corners` finds the belt's four corners in a picture, `calibrate_camera` maps them to mm. No
-parameter of the camera is used.
+`find_corners` finds the belt's four corners in a picture, `calibrate_camera` maps them
+to mm. No parameter of the camera is used.
 """
 
 from __future__ import annotations
@@ -22,18 +23,23 @@ PROFILES = 200  # across each side of the belt; choice, as are the next three
 REACH_PX = 12.0  # a profile's length to each side of the edge
 TOLERANCE_PX = 1.0  # farthest point of a line from it
 LEAST_VISIBLE = 0.5  # share of an edge
-MOST_UNLIKE = 1.5  # ratio of the scales along and across: a camera that is 48 deg askew; choice
+MOST_UNLIKE = (
+    1.5  # ratio of the scales along and across: a camera that is 48 deg askew; choice
+)
 SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k + 1
 
 
-def check_picture(picture: object, where: str, shape: Sequence[int] | None = None) -> None:
+def check_picture(
+    picture: object, where: str, shape: Sequence[int] | None = None
+) -> None:
     """Raise an `InputError` unless it is (rows, cols) uint8, of ``shape`` if given."""
     array = np.asarray(picture)
     fits = array.ndim == 2 and array.size > 0 and shape in (None, array.shape)
     if array is not picture or not fits or array.dtype != np.uint8:
         raise InputError(
-            f"{where}: must be a picture {shape or '(rows, cols)'} of uint8, got {array.shape} "
-            f"{array.dtype}. Convert or cut it, and take all pictures with one camera."
+            f"{where}: must be a picture {shape or '(rows, cols)'} of uint8, got "
+            f"{array.shape} {array.dtype}. Convert or cut it, and take all pictures "
+            "with one camera."
         )
 
 
@@ -41,7 +47,8 @@ def check_picture(picture: object, where: str, shape: Sequence[int] | None = Non
 class Area:
     """A rectangle of the belt in the coordinates of the tracks.
 
-    x is along the belt, from ``start_mm`` to ``end_mm``; y is across it, from 0 to ``width_mm``.
+    x is along the belt, from ``start_mm`` to ``end_mm``; y is across it, from 0 to
+    ``width_mm``.
     """
 
     start_mm: float = BELT_START_MM
@@ -50,12 +57,16 @@ class Area:
 
     def __post_init__(self) -> None:
         if not (self.start_mm < self.end_mm and self.width_mm > 0):
-            raise InputError(f"Area: end_mm must be beyond start_mm, width_mm above 0: {self}.")
+            raise InputError(
+                f"Area: end_mm must be beyond start_mm, width_mm above 0: {self}."
+            )
 
     @property
     def corners(self) -> Array:
         """Its corners (4, 2), x and y in mm: start, end, end, start; y = 0 first."""
-        start, end, width = self.start_mm, self.end_mm, self.width_mm
+        start = self.start_mm
+        end = self.end_mm
+        width = self.width_mm
         return np.array([[start, 0.0], [end, 0.0], [end, width], [start, width]])
 
     @property
@@ -66,7 +77,9 @@ class Area:
     def contains(self, places: Array) -> Flags:
         """Return whether each place (n, 2), x and y in mm, lies in it or on its border."""
         x, y = places.T
-        return (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
+        return (
+            (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
+        )
 
 
 BELT = Area()
@@ -92,32 +105,39 @@ class _Line(NamedTuple):
 def find_corners(picture: Picture) -> BeltCorners:
     """Return the corners in px of the belt in the middle of a picture (rows, cols).
 
-    The belt runs to the right, y grows downwards. A corner is where lines through two edges meet.
-    On profiles across each side, an edge is where the grey value is halfway between belt and
-    surroundings, to a fraction of a pixel.
+    The belt runs to the right, y grows downwards. A corner is where lines through two
+    edges meet. On profiles across each side, an edge is where the grey value is halfway
+    between belt and surroundings, to a fraction of a pixel.
 
     Raises
     ------
     InputError
-        If nothing in the middle stands out, the belt reaches the picture's border, or too little of
-        an edge is visible. The message names the edge.
+        If nothing in the middle stands out, the belt reaches the picture's border, or
+        too little of an edge is visible. The message names the edge.
 
     Notes
     -----
-    The paper detects "the corners of the belt" and does not say how. Lines use the whole edge and
-    have an error of their own. A hidden corner is still where its two edges meet.
+    The paper detects "the corners of the belt" and does not say how. Lines use the
+    whole edge and have an error of their own. A hidden corner is still where its two
+    edges meet.
     """
     rough, level = _outline(picture)
-    lines = [_line(picture, rough[k], rough[(k + 1) % 4], level, SIDES[k]) for k in range(4)]
-    places, spreads = zip(*(_meet(lines[k - 1], lines[k]) for k in range(4)), strict=True)
+    lines = [
+        _line(picture, rough[k], rough[(k + 1) % 4], level, SIDES[k]) for k in range(4)
+    ]
+    places, spreads = zip(
+        *(_meet(lines[k - 1], lines[k]) for k in range(4)), strict=True
+    )
     return BeltCorners(np.array(places), np.array(spreads))
 
 
-def _line(picture: Picture, start: Array, stop: Array, level: float, side: str) -> _Line:
+def _line(
+    picture: Picture, start: Array, stop: Array, level: float, side: str
+) -> _Line:
     """Return the line through an edge's points between two rough corners.
 
-    ``start`` and ``stop`` (2,) are row and col of the corners in px, ``level`` the grey value of
-    the edge, and ``side`` its name for errors.
+    ``start`` and ``stop`` (2,) are row and col of the corners in px, ``level`` the grey
+    value of the edge, and ``side`` its name for errors.
     """
     share = (np.arange(PROFILES) + 0.5) / PROFILES
     middle = start + share[:, None] * (stop - start)
@@ -125,18 +145,22 @@ def _line(picture: Picture, start: Array, stop: Array, level: float, side: str) 
     inwards = np.array([along[1], -along[0]])
     steps = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
     grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
-    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(float)
+    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(
+        float
+    )
     depth = _crossing(profile - level, steps)
     visible = np.isfinite(depth)
     _check_visible(visible, side)
     # A line through the points that agree on one, from the median of slopes on.
-    u, v = middle @ along, middle @ inwards + depth
+    u = middle @ along
+    v = middle @ inwards + depth
     slope, offset = scipy.stats.theilslopes(v[visible], u[visible])[:2]
     for _ in range(5):
         inliers = visible & (np.abs(v - offset - slope * u) < TOLERANCE_PX)
         _check_visible(inliers, side)
         middle_u = u[inliers].mean()
-        # With u counted from its mean, the errors of slope and intercept are independent.
+        # With u counted from its mean, the errors of slope and intercept are
+        # independent.
         fit = scipy.stats.linregress(u[inliers] - middle_u, v[inliers])
         slope, offset = fit.slope, fit.intercept - fit.slope * middle_u
     point = middle_u * along + fit.intercept * inwards
@@ -149,16 +173,17 @@ def _check_visible(visible: Flags, side: str) -> None:
     """Raise an `InputError` unless enough profiles (n,) of an edge show it."""
     if visible.mean() < LEAST_VISIBLE:
         raise InputError(
-            f"picture: the belt's edge ({side}) is seen over {visible.mean():.0%} of its length, "
-            f"at least {LEAST_VISIBLE:.0%} are needed. Clear the view, or light the belt."
+            f"picture: the belt's edge ({side}) is seen over {visible.mean():.0%} of "
+            f"its length, at least {LEAST_VISIBLE:.0%} are needed. Clear the view, or "
+            "light the belt."
         )
 
 
 def _outline(picture: Picture) -> tuple[Array, float]:
     """Return rough corners (4, 2) of the middle area, and its edge's grey value.
 
-    Corners are row and col in px, the upper left one first, then clockwise. The grey value is
-    halfway between the medians of the area and of the rest.
+    Corners are row and col in px, the upper left one first, then clockwise. The grey
+    value is halfway between the medians of the area and of the rest.
     """
     check_picture(picture, "picture")
     rows, cols = picture.shape
@@ -169,10 +194,11 @@ def _outline(picture: Picture) -> tuple[Array, float]:
     area = labels == labels[rows // 2, cols // 2]
     if area[[0, -1]].any() or area[:, [0, -1]].any() or area.mean() < 0.01:
         raise InputError(
-            "picture: no belt with its whole outline in view. Show all four edges, belt and "
-            "surroundings of different grey."
+            "picture: no belt with its whole outline in view. Show all four edges, "
+            "belt and surroundings of different grey."
         )
-    inside, outside = np.median(picture[area]), np.median(picture[~area])
+    inside = np.median(picture[area])
+    outside = np.median(picture[~area])
     points = np.argwhere(area)[:, ::-1].astype(np.float32)
     box = cv2.boxPoints(cv2.minAreaRect(points)).astype(float)[:, ::-1]  # row, col
     by_angle = np.argsort(np.arctan2(*(box - box.mean(axis=0)).T))  # upper left first
@@ -182,24 +208,31 @@ def _outline(picture: Picture) -> tuple[Array, float]:
 def _crossing(height: Array, steps: Array) -> Array:
     """Return where each of n profiles crosses zero, in px along it (n,).
 
-    ``height`` (n, s) are grey values minus that of the edge, ``steps`` (s,) the places of samples
-    along a profile, evenly spaced in px. NaN without a crossing or with two far apart.
+    ``height`` (n, s) are grey values minus that of the edge, ``steps`` (s,) the places
+    of samples along a profile, evenly spaced in px. NaN without a crossing or with two
+    far apart.
     """
     sign = height > 0
     changes = sign[:, 1:] != sign[:, :-1]
     first = changes.argmax(axis=1)
-    # A noisy edge may cross several times within four samples; farther apart, something hides it.
+    # A noisy edge may cross several times within four samples; farther apart, something
+    # hides it.
     last = changes.shape[1] - 1 - changes[:, ::-1].argmax(axis=1)
     once = changes.any(axis=1) & (last - first <= 4) & (sign[:, 0] != sign[:, -1])
     rows = np.arange(len(height))
-    before, after = height[rows, first], height[rows, first + 1]
-    share = np.divide(before, before - after, out=np.full_like(before, np.nan), where=once)
+    before = height[rows, first]
+    after = height[rows, first + 1]
+    share = np.divide(
+        before, before - after, out=np.full_like(before, np.nan), where=once
+    )
     return steps[first] + share * (steps[1] - steps[0])
 
 
 def _meet(line: _Line, other: _Line) -> tuple[Array, float]:
     """Return row and col (2,) where two lines cross, and the standard error, in px."""
-    far = np.linalg.solve(np.column_stack([line.along, -other.along]), other.point - line.point)
+    far = np.linalg.solve(
+        np.column_stack([line.along, -other.along]), other.point - line.point
+    )
     variances = [
         edge.variance[0] + distance**2 * edge.variance[1]
         for edge, distance in zip((line, other), far, strict=True)
@@ -220,9 +253,13 @@ class Calibration(NamedTuple):
 
     def pixels(self, places: Array) -> Array:
         """Return row and col in px (n, 2) of x and y on the belt in mm (n, 2)."""
-        return _mapped(np.asarray(np.linalg.inv(self.matrix), np.float64), places)[:, ::-1]
+        return _mapped(np.asarray(np.linalg.inv(self.matrix), np.float64), places)[
+            :, ::-1
+        ]
 
-    def window(self, area: Area, margin_px: float, shape: tuple[int, int]) -> tuple[slice, slice]:
+    def window(
+        self, area: Area, margin_px: float, shape: tuple[int, int]
+    ) -> tuple[slice, slice]:
         """Return the rows and columns of a picture that show an area and a margin.
 
         ``shape`` is that of the picture; the window is clipped to it.
@@ -230,7 +267,9 @@ class Calibration(NamedTuple):
         corners = self.pixels(area.corners)
         low = np.floor(corners.min(axis=0) - margin_px).clip(0).astype(int)
         high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
-        return slice(low[0], min(shape[0], high[0])), slice(low[1], min(shape[1], high[1]))
+        return slice(low[0], min(shape[0], high[0])), slice(
+            low[1], min(shape[1], high[1])
+        )
 
 
 def _mapped(matrix: Array, places: Array) -> Array:
@@ -256,29 +295,35 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Raises
     ------
     InputError
-        If the corners are in another order, or the scales along and across differ by more than the
-        factor `MOST_UNLIKE`: the belt does not run to the right, or has another size.
+        If the corners are in another order, or the scales along and across differ by
+        more than the factor `MOST_UNLIKE`: the belt does not run to the right, or has
+        another size.
 
     Notes
     -----
-    Four corners fix the eight numbers of a homography and leave no residual. So the error is that
-    of the corners, from the scatter of the edges' points. It leaves out parallax: a camera at
-    height h sees a particle's centre at height z displaced outwards. The displacement is about
-    z / h times the distance from the place under the camera.
+    Four corners fix the eight numbers of a homography and leave no residual. So the
+    error is that of the corners, from the scatter of the edges' points. It leaves out
+    parallax: a camera at height h sees a particle's centre at height z displaced
+    outwards. The displacement is about z / h times the distance from the place under
+    the camera.
     """
     places = check_finite(corners.places, "corners", (4, 2))
     pixels = places[:, ::-1].astype(np.float32)
     if places.sum(axis=1).argmin() or cv2.contourArea(pixels, oriented=True) <= 0:
-        raise InputError("corners: pass upper left, upper right, lower right, lower left.")
+        raise InputError(
+            "corners: pass upper left, upper right, lower right, lower left."
+        )
     matrix = cv2.getPerspectiveTransform(pixels, belt.corners.astype(np.float32))
     sides = [
-        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1) for ends in (belt.corners, places)
+        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1)
+        for ends in (belt.corners, places)
     ]
     along, across = (sides[0][k::2].sum() / sides[1][k::2].sum() for k in (0, 1))
     if max(along, across) > MOST_UNLIKE * min(along, across):
         raise InputError(
-            f"belt: {along:.3g} mm per px along it, {across:.3g} across it. Turn the picture so "
-            "that the belt runs to the right, or set the belt's length and width."
+            f"belt: {along:.3g} mm per px along it, {across:.3g} across it. Turn the "
+            "picture so that the belt runs to the right, or set the belt's length and "
+            "width."
         )
     scale = float(sides[0].sum() / sides[1].sum())
     error = scale * float(corners.spread_px.max())

@@ -1,11 +1,13 @@
 """When and where a particle leaves the belt (2020 paper, sections 4.1 and 4.2).
 
-An arrival model returns times in s on the clock of the observations. A lateral model takes the time
-between last observation and arrival and returns ``y`` in mm. Observations are columns of
-`kilnflight.tables.BELT_LAST`: a table, or arrays (n,) by name.
+An arrival model returns times in s on the clock of the observations. A lateral model
+takes the time between last observation and arrival and returns ``y`` in mm.
+Observations are columns of `kilnflight.tables.BELT_LAST`: a table, or arrays (n,) by
+name.
 
-The time is NaN where a model predicts no arrival: the acceleration stops the particle before the
-target, so Eq. 6 has no positive root. So is the place, except that of `Straight`.
+The time is NaN where a model predicts no arrival: the acceleration stops the particle
+before the target, so Eq. 6 has no positive root. So is the place, except that of
+`Straight`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from kilnflight.arrays import Array
 from kilnflight.checks import InputError, check_finite, check_number
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
-BELT_START_MM = 388.0  # along the belt, in the coordinates of the authors' files of 2020
+BELT_START_MM = (
+    388.0  # along the belt, in the coordinates of the authors' files of 2020
+)
 BELT_EDGE_MM = 788.0  # "a total length of 40 cm", 2016, section IV
 BELT_WIDTH_MM = 180.0  # 2020, section 3
 
@@ -32,9 +36,10 @@ Columns = pd.DataFrame | Mapping[str, Any]  # arrays (n,) by name
 def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Array:
     """Return the time in s, (n,), to cover a distance at constant acceleration.
 
-    It is the smallest positive one. Solves ``distance = velocity t + acceleration t^2 / 2`` (Eq. 6)
-    by ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration distance))``. This form also
-    holds for zero acceleration, and does not cancel. NaN where there is no root.
+    It is the smallest positive one. Solves ``distance = velocity t + acceleration t^2 /
+    2`` (Eq. 6) by ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration
+    distance))``. This form also holds for zero acceleration, and does not cancel. NaN
+    where there is no root.
 
     Parameters
     ----------
@@ -59,13 +64,20 @@ class _Model:
 
     def _check_calibrated(self) -> None:
         if any(np.isnan(value) for value in vars(self).values()):
-            raise InputError(f"{self.name} is not calibrated; call its calibrated(...) first.")
+            raise InputError(
+                f"{self.name} is not calibrated; call its calibrated(...) first."
+            )
 
     def _check_pairs(self, last: Columns, arrival: Columns) -> None:
         """Raise an `InputError` unless both have the same particles in the same order."""
-        (names,), (others,) = _take(last, "last", "particle"), _take(arrival, "arrival", "particle")
+        (names,), (others,) = (
+            _take(last, "last", "particle"),
+            _take(arrival, "arrival", "particle"),
+        )
         if not len(names) or not np.array_equal(names, others):
-            raise InputError(f"{self.name}: arrival must have the particles of last, at least one.")
+            raise InputError(
+                f"{self.name}: arrival must have the particles of last, at least one."
+            )
 
 
 def _take(columns: Columns, where: str, *names: str) -> list[Array]:
@@ -94,8 +106,8 @@ class ArrivalModel(_Model, ABC):
         Raises
         ------
         InputError
-            If the model is not calibrated, a number is not finite, or a particle is at or beyond
-            the target.
+            If the model is not calibrated, a number is not finite, or a particle is at
+            or beyond the target.
         """
         self._check_calibrated()
         time, *way = _way_to(last, target_mm)
@@ -109,15 +121,16 @@ class ArrivalModel(_Model, ABC):
         last
             Columns of `kilnflight.tables.BELT_LAST`.
         arrival
-            Columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles in the same order.
+            Columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles in the
+            same order.
         target_mm
             The place x of the arrivals, downstream of all last observations.
 
         Raises
         ------
         InputError
-            If the particles differ, a number is not finite, or an arrival is not after the last
-            observation.
+            If the particles differ, a number is not finite, or an arrival is not after
+            the last observation.
         """
         self._check_pairs(last, arrival)
         time, distance, velocity, _ = _way_to(last, target_mm)
@@ -131,13 +144,15 @@ class ArrivalModel(_Model, ABC):
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         """Return the time (n,) in s for the distance in mm that is left to the target.
 
-        Velocity (mm/s) and acceleration (mm/s^2), (n,) each, are the last ones along the belt.
+        Velocity (mm/s) and acceleration (mm/s^2), (n,) each, are the last ones along
+        the belt.
         """
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
         """Return the model fitted to n calibration particles, if it has a parameter.
 
-        They have (n,) distances to the target (mm), last velocities (mm/s) and times to it (s).
+        They have (n,) distances to the target (mm), last velocities (mm/s) and times to
+        it (s).
         """
         return self
 
@@ -145,7 +160,8 @@ class ArrivalModel(_Model, ABC):
 def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array]:
     """Return time, distance to the target, velocity and acceleration, (n,) each.
 
-    Units are s, mm, mm/s and mm/s^2; all are those of the last observation, along the belt.
+    Units are s, mm, mm/s and mm/s^2; all are those of the last observation, along the
+    belt.
     """
     check_number(target_mm, "target_mm")
     names = ("time_s", "x", "velocity_x_mm_s", "acceleration_x_mm_s2")
@@ -153,7 +169,9 @@ def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array
     distance = target_mm - x
     if (distance <= 0).any():
         row = int(np.argmax(distance <= 0))
-        raise InputError(f"target_mm: {target_mm} mm is not beyond x of last in row {row}.")
+        raise InputError(
+            f"target_mm: {target_mm} mm is not beyond x of last in row {row}."
+        )
     return time, distance, velocity, acceleration
 
 
@@ -161,8 +179,8 @@ def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array
 class ID(ArrivalModel):
     """Identical delay: ``t_Last + t_Avg`` for every particle (sec. 4.1, no number).
 
-    The old, implicit model. It equals `IV` if all particles are last observed at one place.
-    Section 5 leaves it out, and so does `kilnflight.belt.ARRIVAL_MODELS`.
+    The old, implicit model. It equals `IV` if all particles are last observed at one
+    place. Section 5 leaves it out, and so does `kilnflight.belt.ARRIVAL_MODELS`.
     """
 
     delay_s: float = np.nan  # t_Avg: a median, as the average velocity of IV (sec. 5)
@@ -210,7 +228,9 @@ class CVBC(CV):
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
         error = duration - super()._duration(distance, velocity, velocity)
         if np.isnan(error).all():
-            raise InputError("CVBC: no calibration particle in last moves on; take others.")
+            raise InputError(
+                "CVBC: no calibration particle in last moves on; take others."
+            )
         return replace(self, bias_s=float(np.nanmedian(error)))  # NaN: no arrival by CV
 
 
@@ -226,11 +246,11 @@ class CA(ArrivalModel):
 class CALV(ArrivalModel):
     """Constant acceleration up to a limit of the velocity, then constant velocity.
 
-    The paper's printed condition for "the limit is not reached before the target" has a sign
-    reversed (figures/errata.csv). Here the limit counts as reached if the distance covered until
-    then is below the remaining distance. Above the limit a particle keeps its CA prediction if it
-    slows down, else its velocity (footnote 3: the limit is for acceleration beyond the belt's
-    velocity).
+    The paper's printed condition for "the limit is not reached before the target" has a
+    sign reversed (figures/errata.csv). Here the limit counts as reached if the distance
+    covered until then is below the remaining distance. Above the limit a particle keeps
+    its CA prediction if it slows down, else its velocity (footnote 3: the limit is for
+    acceleration beyond the belt's velocity).
     """
 
     limit_mm_s: float = BELT_VELOCITY_MM_S  # the belt's velocity: known, not calibrated
@@ -256,7 +276,8 @@ class CALV(ArrivalModel):
 class IA(ArrivalModel):
     """Identical acceleration: one for all particles, each with its velocity (Eq. 5).
 
-    It is the median of those that would have predicted the calibration particles exactly.
+    It is the median of those that would have predicted the calibration particles
+    exactly.
     """
 
     acceleration_mm_s2: float = np.nan  # median of the optimal ones
@@ -266,7 +287,9 @@ class IA(ArrivalModel):
         return time_to_cover(distance, velocity, shared)
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
-        optimal = 2 * (distance - velocity * duration) / duration**2  # would predict exactly
+        optimal = (
+            2 * (distance - velocity * duration) / duration**2
+        )  # would predict exactly
         return replace(self, acceleration_mm_s2=float(np.median(optimal)))
 
 
@@ -281,12 +304,15 @@ class LateralModel(_Model, ABC):
         last
             Columns of `kilnflight.tables.BELT_LAST`.
         remaining_s
-            (n,) predicted times in s from the last observation to the arrival; NaN: none predicted.
+            (n,) predicted times in s from the last observation to the arrival; NaN:
+            none predicted.
         """
         self._check_calibrated()
         y, *motion = _take(last, "last", "y", "velocity_y_mm_s", "acceleration_y_mm_s2")
         if np.shape(remaining_s) != y.shape or np.less(remaining_s, 0).any():
-            raise InputError(f"remaining_s: must be {len(y)} times in s, none of them below 0.")
+            raise InputError(
+                f"remaining_s: must be {len(y)} times in s, none of them below 0."
+            )
         return y + self._way(remaining_s, *motion)
 
     def calibrated(self, last: Columns, arrival: Columns) -> Self:
@@ -304,14 +330,15 @@ class LateralModel(_Model, ABC):
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         """Return the way across the belt (n,) in mm.
 
-        It takes ``time`` (s); velocity (mm/s) and acceleration (mm/s^2) are the last ones across
-        the belt, (n,) each.
+        It takes ``time`` (s); velocity (mm/s) and acceleration (mm/s^2) are the last
+        ones across the belt, (n,) each.
         """
 
     def _fitted(self, before: Array, after: Array) -> Self:
         """Return the model fitted to n calibration particles, if it has a parameter.
 
-        Lateral velocities (n,) in mm/s are those of the last observation and of the arrival.
+        Lateral velocities (n,) in mm/s are those of the last observation and of the
+        arrival.
         """
         return self
 
@@ -344,13 +371,16 @@ class LateralCA(LateralModel):
 class CADSC(LateralCA):
     """Constant acceleration without sign changes (Eq. 7, sec. 4.2).
 
-    The lateral velocity keeps its sign: a particle that has stopped across the belt stays.
+    The lateral velocity keeps its sign: a particle that has stopped across the belt
+    stays.
     """
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         stops = np.full_like(velocity, np.inf)
         with np.errstate(over="ignore"):  # next to no deceleration never stops
-            np.divide(-velocity, acceleration, out=stops, where=velocity * acceleration < 0)
+            np.divide(
+                -velocity, acceleration, out=stops, where=velocity * acceleration < 0
+            )
         return super()._way(np.minimum(time, stops), velocity, acceleration)
 
 
@@ -358,8 +388,8 @@ class CADSC(LateralCA):
 class Ratio(LateralModel):
     """One share of the lateral velocity stays; the rest is lost at a constant rate.
 
-    Acceleration of Eq. 7: -(1 - share) times the last velocity, by the time to the arrival. So the
-    model needs no acceleration of the particle's own.
+    Acceleration of Eq. 7: -(1 - share) times the last velocity, by the time to the
+    arrival. So the model needs no acceleration of the particle's own.
     """
 
     share: float = np.nan  # r: median of arrival velocity over last velocity
@@ -371,12 +401,20 @@ class Ratio(LateralModel):
     def _fitted(self, before: Array, after: Array) -> Self:
         moves = before != 0
         if not moves.any():
-            raise InputError("Ratio: no calibration particle in last moves across; take others.")
+            raise InputError(
+                "Ratio: no calibration particle in last moves across; take others."
+            )
         return replace(self, share=float(np.median(after[moves] / before[moves])))
 
 
 ARRIVAL_MODELS: tuple[ArrivalModel, ...] = (IV(), CV(), CVBC(), CA(), CALV(), IA())
-LATERAL_MODELS: tuple[LateralModel, ...] = (Straight(), LateralCV(), LateralCA(), CADSC(), Ratio())
+LATERAL_MODELS: tuple[LateralModel, ...] = (
+    Straight(),
+    LateralCV(),
+    LateralCA(),
+    CADSC(),
+    Ratio(),
+)
 # The seven combinations of Fig. 10: name on the axis, arrival model, lateral model.
 COMBINATIONS: tuple[tuple[str, ArrivalModel, LateralModel], ...] = (
     ("Straight", CV(), Straight()),

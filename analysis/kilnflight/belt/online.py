@@ -1,10 +1,12 @@
 """A sorter that takes one picture at a time, as its camera does.
 
-picture -> spots -> step of the tracker -> tracks that leave the view -> arrivals -> valves
+picture -> spots -> step of the tracker -> tracks that leave the view -> arrivals ->
+valves
 
-The parts are those of a whole recording (`MeasureSpots`, `BeltTracker`, `last_states`, the models,
-`ValveBar.events`), so the same pictures give the same tracks and events. A frame's time is its
-number times the tracker's ``frame_s``. Memory does not grow with the number of frames.
+The parts are those of a whole recording (`MeasureSpots`, `BeltTracker`, `last_states`,
+the models, `ValveBar.events`), so the same pictures give the same tracks and events. A
+frame's time is its number times the tracker's ``frame_s``. Memory does not grow with
+the number of frames.
 """
 
 from __future__ import annotations
@@ -41,11 +43,12 @@ def predict_arrivals(
 ) -> pd.DataFrame:
     """Return `kilnflight.tables.BELT_PREDICTED` of last observations (BELT_LAST).
 
-    The time is NaN where a model predicts no arrival, one before the last observation, or one more
-    than ``most_s`` after it. So is the place, except that of `Straight`. ``target_mm`` is the place
-    x of the valves.
+    The time is NaN where a model predicts no arrival, one before the last observation,
+    or one more than ``most_s`` after it. So is the place, except that of `Straight`.
+    ``target_mm`` is the place x of the valves.
     """
-    time, seen = arrival(last, target_mm), np.asarray(last["time_s"])
+    time = arrival(last, target_mm)
+    seen = np.asarray(last["time_s"])
     time = np.where((time >= seen) & (time - seen <= most_s), time, np.nan)
     y = lateral(last, time - seen)
     columns = np.asarray(last["particle"]), time, y
@@ -56,25 +59,31 @@ def predict_arrivals(
 class ValveSchedule:
     """Commands of a bar of valves while predictions become known, as in a sorter.
 
-    If every prediction is known at least ``dead_s`` before its valve is to open, the commands are
-    the windows of `ValveBar.events`. A later one opens the valve late: at once, or after its dead
-    time. After its window it never opens. Both are counted.
+    If every prediction is known at least ``dead_s`` before its valve is to open, the
+    commands are the windows of `ValveBar.events`. A later one opens the valve late: at
+    once, or after its dead time. After its window it never opens. Both are counted.
     """
 
     bar: ValveBar
     late: int = 0  # predictions that came too late to open the valve in time
     never: int = 0  # predictions that came too late to open it at all
-    _windows: dict[int, list[tuple[float, float]]] = field(default_factory=dict)  # not yet closed
-    _closed_s: dict[int, float] = field(default_factory=dict)  # last closing of each valve
+    _windows: dict[int, list[tuple[float, float]]] = field(
+        default_factory=dict
+    )  # not yet closed
+    _closed_s: dict[int, float] = field(
+        default_factory=dict
+    )  # last closing of each valve
 
-    def step(self, now_s: float, until_s: float, predicted: pd.DataFrame) -> pd.DataFrame:
+    def step(
+        self, now_s: float, until_s: float, predicted: pd.DataFrame
+    ) -> pd.DataFrame:
         """Return the commands from ``now_s`` to ``until_s``, new predictions included.
 
         Parameters
         ----------
         now_s, until_s
-            Times in s, not before those of the last step. A window that goes on is cut at
-            ``until_s``, and continues in the next step.
+            Times in s, not before those of the last step. A window that goes on is cut
+            at ``until_s``, and continues in the next step.
         predicted
             `kilnflight.tables.BELT_PREDICTED`, known since the last step.
 
@@ -87,7 +96,9 @@ class ValveSchedule:
             ended = [close_s for _, close_s in windows if close_s < now_s]
             self._closed_s[valve] = max([*ended, self._closed_s.get(valve, -np.inf)])
             self._windows[valve] = [window for window in windows if window[1] >= now_s]
-        for event in zip(*(part.tolist() for part in self.bar.windows(predicted)), strict=True):
+        for event in zip(
+            *(part.tolist() for part in self.bar.windows(predicted)), strict=True
+        ):
             self._add(now_s, *event)
         due = sorted(
             (max(open_s, now_s), valve, min(close_s, until_s))
@@ -102,19 +113,24 @@ class ValveSchedule:
     def _add(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
         """Plan the opening of a valve from ``now_s`` on; merge it with those near it.
 
-        A window that cannot open in time is counted in ``late``, or in ``never`` and left out.
+        A window that cannot open in time is counted in ``late``, or in ``never`` and
+        left out.
         """
-        earliest, closed_s = max(open_s, now_s), self._closed_s.get(valve, -np.inf)
+        earliest = max(open_s, now_s)
+        closed_s = self._closed_s.get(valve, -np.inf)
         if not self.bar.are_apart(closed_s, earliest):
             earliest = closed_s + self.bar.dead_s
         if earliest > close_s:
             self.never += 1
             return
         self.late += earliest > open_s
-        near, others = [(earliest, close_s)], list[tuple[float, float]]()
+        near = [(earliest, close_s)]
+        others = list[tuple[float, float]]()
         for window in self._windows.get(valve, []):
             pauses = (window[1], earliest), (close_s, window[0])
-            (others if any(self.bar.are_apart(*pause) for pause in pauses) else near).append(window)
+            (
+                others if any(self.bar.are_apart(*pause) for pause in pauses) else near
+            ).append(window)
         opens, closes = zip(*near, strict=True)
         self._windows[valve] = [*others, (min(opens), max(closes))]
 
@@ -125,7 +141,9 @@ class Decision(NamedTuple):
     frame: int
     measured: Array  # (m, 6), columns of BELT_SPOTS after the first (frame)
     tracks: Tracks  # after the frame; "row" is that of ``measured``, -1: missed
-    predicted: pd.DataFrame  # BELT_PREDICTED: particles to be blown out, known from now on
+    predicted: (
+        pd.DataFrame
+    )  # BELT_PREDICTED: particles to be blown out, known from now on
     due: pd.DataFrame  # VALVE_EVENTS to command until the next frame's decision
 
 
@@ -140,15 +158,15 @@ def sort_pictures(
 ) -> Iterator[Decision]:
     """Yield the decision of each picture as it comes.
 
-    Frame k is taken as known when frame k + 1 is due, so a decision may take a frame's time.
-    `Decision.due` ends with the next frame.
+    Frame k is taken as known when frame k + 1 is due, so a decision may take a frame's
+    time. `Decision.due` ends with the next frame.
 
     Parameters
     ----------
     pictures
-        Number by the camera and picture (rows, cols) uint8 of each frame. Numbers ascend. Over a
-        gap tracks are predicted and not taken for missed; a particle that left in it is predicted
-        from where it was last seen.
+        Number by the camera and picture (rows, cols) uint8 of each frame. Numbers
+        ascend. Over a gap tracks are predicted and not taken for missed; a particle
+        that left in it is predicted from where it was last seen.
     measure
         Spots of a picture in mm.
     models
@@ -168,31 +186,43 @@ def sort_pictures(
         If a picture does not fit, numbers do not ascend, or the target is in view.
     """
     if target_mm <= tracker.appearance.area.end_mm:
-        raise InputError(f"target_mm: {target_mm} lies in the area where particles are tracked.")
-    waiting, number = deque[Detected](), -1
+        raise InputError(
+            f"target_mm: {target_mm} lies in the area where particles are tracked."
+        )
+    waiting = deque[Detected]()
+    number = -1
     known: Tracks = np.zeros(0, [("particle", np.int64)])
     steps = tracker.follow(iter(waiting.popleft, None))
     for frame, picture in pictures:
         check_number(frame, "pictures: number of the frame", above=number, whole=True)
         measured = measure(picture, frame)
-        rows, span = np.arange(len(measured)), frame - number if number >= 0 else 1
+        rows = np.arange(len(measured))
+        span = frame - number if number >= 0 else 1
         waiting.append(tracker.detections(frame, measured[:, 4:], rows, span))
-        tracks, number = next(steps).tracks, frame
-        last, missed = tracks.copy(), tracks["row"] < 0
+        tracks = next(steps).tracks
+        number = frame
+        last = tracks.copy()
+        missed = tracks["row"] < 0
         if missed.any():  # their state as they were last seen
-            last[missed] = known[np.searchsorted(known["particle"], tracks["particle"][missed])]
+            last[missed] = known[
+                np.searchsorted(known["particle"], tracks["particle"][missed])
+            ]
         known = last[tracker.keeps(tracks, frame)]
         entering = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
         if chooses is not None:
             entering = entering[chooses(entering["particle"])]
         predicted = _predict(entering, models, target_mm, tracker.frame_s)
-        now_s, until_s = (frame + 1) * tracker.frame_s, (frame + 2) * tracker.frame_s
+        now_s = (frame + 1) * tracker.frame_s
+        until_s = (frame + 2) * tracker.frame_s
         due = schedule.step(now_s, until_s, predicted)
         yield Decision(frame, measured, tracks, predicted, due)
 
 
 def _predict(
-    entering: Tracks, models: tuple[ArrivalModel, LateralModel], target_mm: float, frame_s: float
+    entering: Tracks,
+    models: tuple[ArrivalModel, LateralModel],
+    target_mm: float,
+    frame_s: float,
 ) -> pd.DataFrame:
     """Return BELT_PREDICTED of n tracks as they were last measured."""
     state = np.zeros((len(entering), 6))

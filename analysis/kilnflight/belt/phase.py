@@ -1,10 +1,11 @@
 """The prediction phase, and deviations of predictions from what is observed behind it.
 
-2020 paper, Figs 2 and 5 and section 5; 2016 paper, section IV. A particle is observed until the
-prediction phase begins. After that only its crossing of the target is used, as the reference.
+2020 paper, Figs 2 and 5 and section 5; 2016 paper, section IV. A particle is observed
+until the prediction phase begins. After that only its crossing of the target is used,
+as the reference.
 
-A deviation is prediction minus reference. Positive means that the particle arrived earlier than
-predicted, as in the caption of Fig. 9; section 5.1 states the opposite.
+A deviation is prediction minus reference. Positive means that the particle arrived
+earlier than predicted, as in the caption of Fig. 9; section 5.1 states the opposite.
 """
 
 from __future__ import annotations
@@ -31,7 +32,17 @@ from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 CALIBRATION_SHARE = 0.01  # of the particles, for calibration: "at most 1 %" (sec. 5)
-SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
+SUMMARY = [
+    "n",
+    "median",
+    "q25",
+    "q75",
+    "whisker_low",
+    "whisker_high",
+    "iqr",
+    "mae",
+    "unpredicted",
+]
 
 
 class Observed(NamedTuple):
@@ -49,26 +60,31 @@ class Observed(NamedTuple):
 class PredictionPhase:
     """Start and target of a prediction, as places x along the belt in mm.
 
-    The paper predicts from 150 mm before the edge of the belt to the edge (sec. 5). The public
-    tracks end there: the last position of every particle is up to 15 mm before the edge. So the
-    arrival is extrapolated from the last three positions. Tested at 773 mm, where the tracks go
-    on, its time is off by .001 to .003 ms (mean of the absolute error, by material).
+    The paper predicts from 150 mm before the edge of the belt to the edge (sec. 5). The
+    public tracks end there: the last position of every particle is up to 15 mm before
+    the edge. So the arrival is extrapolated from the last three positions. Tested at
+    773 mm, where the tracks go on, its time is off by .001 to .003 ms (mean of the
+    absolute error, by material).
     """
 
     start_mm: float = BELT_EDGE_MM - 150.0
     target_mm: float = BELT_EDGE_MM
-    extrapolated_mm: float = 15.0  # farthest; a way of 10 ms, the public tracks' time step
+    extrapolated_mm: float = (
+        15.0  # farthest; a way of 10 ms, the public tracks' time step
+    )
 
     def __post_init__(self) -> None:
         if not self.start_mm < self.target_mm:
-            raise InputError(f"PredictionPhase: target_mm {self.target_mm} is not beyond start_mm.")
+            raise InputError(
+                f"PredictionPhase: target_mm {self.target_mm} is not beyond start_mm."
+            )
 
     def observe(self, tracks: pd.DataFrame) -> Observed:
         """Split tracks into last observations and arrivals at the target.
 
-        Velocity and acceleration come from the parabola through the last three positions. With
-        noise-free positions "only the last few observations are required" (sec. 5.1). For a
-        constant acceleration the result is exact.
+        Velocity and acceleration come from the parabola through the last three
+        positions. With noise-free positions "only the last few observations are
+        required" (sec. 5.1). For a constant acceleration the result is exact.
 
         Parameters
         ----------
@@ -78,16 +94,19 @@ class PredictionPhase:
         Returns
         -------
         Observed
-            Particles are left out, and counted by the first reason that applies: a gap in the
-            track; fewer than three observations before the phase; the target never reached. A
-            track that ends up to ``extrapolated_mm`` before the target reaches it.
+            Particles are left out, and counted by the first reason that applies: a gap
+            in the track; fewer than three observations before the phase; the target
+            never reached. A track that ends up to ``extrapolated_mm`` before the target
+            reaches it.
 
         Raises
         ------
         InputError
             If a particle has two rows in one frame, or the time between frames varies.
         """
-        table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
+        table = BELT_TRACKS.check(tracks).sort_values(
+            ["particle", "frame"], kind="stable"
+        )
         _check_frames(table)
         columns = _arrays(table[BELT_TRACKS.names])
         starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
@@ -107,33 +126,42 @@ class PredictionPhase:
             "fewer than three observations before the phase": int((short & ~gap).sum()),
             "target never reached": int((missed & ~short & ~gap).sum() + stops.sum()),
         }
-        last, arrival = (each[~stops].reset_index(drop=True) for each in (last, arrival))
+        last, arrival = (
+            each[~stops].reset_index(drop=True) for each in (last, arrival)
+        )
         return Observed(last, arrival, left_out)
 
     def carry(self, observed: Observed) -> Observed:
         """Extrapolate last states to the start of the phase by their own acceleration.
 
-        At 100 Hz the last observation lies up to a step of 14 mm before the phase; at the paper's
-        1000 Hz (section 5) up to 1.4 mm. Only observations before the phase are used. A particle
-        that would stop before keeps its state.
+        At 100 Hz the last observation lies up to a step of 14 mm before the phase; at
+        the paper's 1000 Hz (section 5) up to 1.4 mm. Only observations before the phase
+        are used. A particle that would stop before keeps its state.
         """
         last = BELT_LAST.check(observed.last)
         gap = self.start_mm - last["x"]
-        speed, gain = last["velocity_x_mm_s"], last["acceleration_x_mm_s2"]
+        speed = last["velocity_x_mm_s"]
+        gain = last["acceleration_x_mm_s2"]
         square = speed**2 + 2 * gain * gap
-        wait = (2 * gap / (speed + np.sqrt(square.clip(lower=0.0)))).where(square > 0, 0.0)
+        wait = (2 * gap / (speed + np.sqrt(square.clip(lower=0.0)))).where(
+            square > 0, 0.0
+        )
         moved = {"time_s": last["time_s"] + wait}
         for axis in ("x", "y"):
-            velocity, change = last[f"velocity_{axis}_mm_s"], last[f"acceleration_{axis}_mm_s2"]
+            velocity = last[f"velocity_{axis}_mm_s"]
+            change = last[f"acceleration_{axis}_mm_s2"]
             moved[axis] = last[axis] + wait * velocity + wait**2 * change / 2
             moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
         return observed._replace(last=last.assign(**moved)[BELT_LAST.names])
 
-    def _arrival(self, columns: dict[str, Array], after: Index, ends: Index) -> pd.DataFrame:
+    def _arrival(
+        self, columns: dict[str, Array], after: Index, ends: Index
+    ) -> pd.DataFrame:
         """Return the arrivals of n particles, BELT_ARRIVAL.
 
-        A particle seen beyond the target arrives on the line between the positions around it (Fig.
-        5), any other on the parabola through its last three positions; NaN if that turns back.
+        A particle seen beyond the target arrives on the line between the positions
+        around it (Fig. 5), any other on the parabola through its last three positions;
+        NaN if that turns back.
 
         Parameters
         ----------
@@ -147,25 +175,33 @@ class PredictionPhase:
         names = ("time_s", "x", "y")
         row = np.minimum(after, ends - 1)
         time, x, y = (columns[name][row - 1] for name in names)
-        duration, way, across = (columns[name][row] - columns[name][row - 1] for name in names)
+        duration, way, across = (
+            columns[name][row] - columns[name][row - 1] for name in names
+        )
         with np.errstate(divide="ignore", invalid="ignore"):  # a particle that stands
             share = (self.target_mm - x) / way
-        between = np.stack([time + share * duration, y + share * across, across / duration])
+        between = np.stack(
+            [time + share * duration, y + share * across, across / duration]
+        )
         final = _arrays(_last(columns, ends - 1))
-        velocity, gain = final["velocity_y_mm_s"], final["acceleration_y_mm_s2"]
+        velocity = final["velocity_y_mm_s"]
+        gain = final["acceleration_y_mm_s2"]
         along = (final["velocity_x_mm_s"], final["acceleration_x_mm_s2"])
         wait = time_to_cover(self.target_mm - final["x"], *along)
         place = final["y"] + wait * velocity + wait**2 * gain / 2
         behind = np.stack([final["time_s"] + wait, place, velocity + wait * gain])
         arrived = np.where(after < ends, between, behind)
-        parts = zip(BELT_ARRIVAL.names, (columns["particle"][row], *arrived), strict=True)
+        parts = zip(
+            BELT_ARRIVAL.names, (columns["particle"][row], *arrived), strict=True
+        )
         return pd.DataFrame(dict(parts))
 
 
 def _check_frames(table: pd.DataFrame) -> None:
     """Raise an `InputError` for two rows of a particle in one frame or uneven times.
 
-    ``table`` is BELT_TRACKS by particle and frame. Velocities by parabola need even times.
+    ``table`` is BELT_TRACKS by particle and frame. Velocities by parabola need even
+    times.
     """
     steps = table.groupby("particle")[["frame", "time_s"]].diff().to_numpy()
     frames, seconds = steps[~np.isnan(steps[:, 0])].T
@@ -173,7 +209,9 @@ def _check_frames(table: pd.DataFrame) -> None:
         raise InputError("tracks: a particle has two rows in one frame; keep one.")
     step = seconds / frames
     if len(step) and (step.min() <= 0 or np.ptp(step) > 1e-3 * np.median(step)):
-        raise InputError("tracks: time_s does not grow evenly with frame. Resample the tracks.")
+        raise InputError(
+            "tracks: time_s does not grow evenly with frame. Resample the tracks."
+        )
 
 
 def _arrays(table: pd.DataFrame) -> dict[str, Array]:
@@ -183,8 +221,8 @@ def _arrays(table: pd.DataFrame) -> dict[str, Array]:
 def _first(flags: Flags, starts: Index, ends: Index) -> Index:
     """Return the first flagged row (n,) of each particle, or its end.
 
-    ``flags`` (rows,) are by particle; ``starts`` and ``ends`` (n,) are each particle's first row
-    and the one after its last.
+    ``flags`` (rows,) are by particle; ``starts`` and ``ends`` (n,) are each particle's
+    first row and the one after its last.
     """
     rows = np.append(np.flatnonzero(flags), len(flags))
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
@@ -193,8 +231,8 @@ def _first(flags: Flags, starts: Index, ends: Index) -> Index:
 def _last(columns: dict[str, Array], row: Index) -> pd.DataFrame:
     """Return the states BELT_LAST at rows (n,), by parabolas through three positions.
 
-    They are those of each row and of the two before it, evenly spaced in time. ``columns`` are
-    those of BELT_TRACKS, (rows,) each.
+    They are those of each row and of the two before it, evenly spaced in time.
+    ``columns`` are those of BELT_TRACKS, (rows,) each.
     """
     step = columns["time_s"][row] - columns["time_s"][row - 1]
     state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}
@@ -212,19 +250,21 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     Parameters
     ----------
     followed
-        From `kilnflight.belt.tracker.BeltTracker`, whose area ends where the phase begins.
+        From `kilnflight.belt.tracker.BeltTracker`, whose area ends where the phase
+        begins.
     frame_s
         Time in s between two frames.
 
     Returns
     -------
     DataFrame
-        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last measurement, and
-        ``row`` of that measurement. Tracks that were valid and left at the end of the area: "only
-        tracks that are deemed valid while entering the prediction phase trigger a separation
-        event".
+        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last
+        measurement, and ``row`` of that measurement. Tracks that were valid and left at
+        the end of the area: "only tracks that are deemed valid while entering the
+        prediction phase trigger a separation event".
     """
-    states, ends = followed.states, followed.ends
+    states = followed.states
+    ends = followed.ends
     entering = ends.loc[(ends["valid"] == 1) & (ends["reason"] == LEFT), "particle"]
     measured = states[(states["row"] >= 0) & states["particle"].isin(entering)]
     last = measured.sort_values(["particle", "frame"]).groupby("particle").tail(1)
@@ -240,10 +280,11 @@ def observe_followed(
     Parameters
     ----------
     followed
-        From `kilnflight.belt.tracker.BeltTracker`, whose area reaches beyond the target.
+        From `kilnflight.belt.tracker.BeltTracker`, whose area reaches beyond the
+        target.
     measured
-        The table given to the tracker (frame, x and y in mm), in the same order: ``row`` of a
-        state is a row of it, or -1 in a frame without a measurement.
+        The table given to the tracker (frame, x and y in mm), in the same order:
+        ``row`` of a state is a row of it, or -1 in a frame without a measurement.
     phase
         Start and target. Particles that miss either are left out.
     frame_s
@@ -252,13 +293,15 @@ def observe_followed(
     Returns
     -------
     Observed
-        Its ``last`` are filtered states, what a prediction starts from. Its arrivals come from
-        the measured places, so that the filter does not judge itself.
+        Its ``last`` are filtered states, what a prediction starts from. Its arrivals
+        come from the measured places, so that the filter does not judge itself.
     """
     states = followed.states[followed.states["row"] >= 0]
     states = states.assign(time_s=states["frame"] * frame_s)
     places = measured[["x", "y"]].to_numpy()[states["row"].to_numpy()]
-    tracks = states[["frame", "particle", "time_s"]].assign(x=places[:, 0], y=places[:, 1])
+    tracks = states[["frame", "particle", "time_s"]].assign(
+        x=places[:, 0], y=places[:, 1]
+    )
     observed = phase.observe(tracks)
     filtered = states.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
     keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
@@ -268,14 +311,16 @@ def observe_followed(
 def summarise_deviations(deviation: Array) -> dict[str, float]:
     """Return count, quartiles, whiskers and mean absolute value of deviations.
 
-    Keys are those of `SUMMARY`; values are in the unit of ``deviation`` (n,). Particles without a
-    prediction (NaN) are left out and counted as ``unpredicted``. The whiskers reach to the last
-    value within 1.5 box lengths of the box (section 5.1): 2.7 standard deviations from the median
-    of a normal distribution.
+    Keys are those of `SUMMARY`; values are in the unit of ``deviation`` (n,). Particles
+    without a prediction (NaN) are left out and counted as ``unpredicted``. The whiskers
+    reach to the last value within 1.5 box lengths of the box (section 5.1): 2.7
+    standard deviations from the median of a normal distribution.
     """
     predicted = deviation[np.isfinite(deviation)]
     if not len(predicted):
-        raise InputError("deviation: no particle has a prediction; nothing can be summarised.")
+        raise InputError(
+            "deviation: no particle has a prediction; nothing can be summarised."
+        )
     q25, median, q75 = np.quantile(predicted, [0.25, 0.5, 0.75])
     reach = 1.5 * (q75 - q25)
     inside = predicted[(predicted >= q25 - reach) & (predicted <= q75 + reach)]
@@ -288,13 +333,18 @@ Deviations = Callable[[Observed, PredictionPhase, Flags], Iterator[tuple[str, Ar
 
 
 def evaluate(
-    observed: Observed, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
+    observed: Observed,
+    phase: PredictionPhase,
+    deviations: Deviations,
+    draws: int,
+    seed: int,
 ) -> pd.DataFrame:
     """Compare all models on one bulk material, one row per draw and model.
 
-    The paper calibrates with "at most 1 % of all particles available (37 to 44)", drawn once. Here
-    the draw is repeated, which separates its effect from the models'. Each draw is evaluated on
-    the other particles. Draw k depends on the seed and k alone, so more draws keep the first ones.
+    The paper calibrates with "at most 1 % of all particles available (37 to 44)", drawn
+    once. Here the draw is repeated, which separates its effect from the models'. Each
+    draw is evaluated on the other particles. Draw k depends on the seed and k alone, so
+    more draws keep the first ones.
 
     Parameters
     ----------
@@ -315,17 +365,23 @@ def evaluate(
     InputError
         If 1 % of the particles is less than one.
     """
-    particles, rows = len(observed.last), []
+    particles = len(observed.last)
+    rows = []
     size = int(CALIBRATION_SHARE * particles)
     if size < 1:
         raise InputError(
-            f"observed: {CALIBRATION_SHARE:.0%} of {particles} particles is less than one."
+            f"observed: {CALIBRATION_SHARE:.0%} of {particles} particles is less "
+            "than one."
         )
     for draw, child in enumerate(np.random.SeedSequence(seed).spawn(draws)):
         calibration = np.zeros(particles, dtype=bool)
-        calibration[np.random.default_rng(child).choice(particles, size, replace=False)] = True
+        calibration[
+            np.random.default_rng(child).choice(particles, size, replace=False)
+        ] = True
         for name, deviation in deviations(observed, phase, calibration):
-            rows.append({"draw": draw, "model": name, **summarise_deviations(deviation)})
+            rows.append(
+                {"draw": draw, "model": name, **summarise_deviations(deviation)}
+            )
     return pd.DataFrame(rows)
 
 
@@ -334,8 +390,8 @@ def arrival_deviations(
 ) -> Iterator[tuple[str, Array]]:
     """Yield each arrival model's name and its deviations (n - c,) in ms.
 
-    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those of the
-    others. `IV` is calibrated with all, as in the paper.
+    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those
+    of the others. `IV` is calibrated with all, as in the paper.
     """
     every, calibrating, (last, arrival) = _split(observed, calibration)
     for model in ARRIVAL_MODELS:
@@ -348,8 +404,8 @@ def lateral_deviations(
 ) -> Iterator[tuple[str, Array]]:
     """Yield each combination's name and its deviations (n - c,) in mm (Fig. 10).
 
-    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those of the
-    others.
+    ``calibration`` (n,) marks the c particles that calibrate; the deviations are those
+    of the others.
     """
     reference = observed.arrival["y"].to_numpy()[~calibration]
     for name, _, y in predictions(observed, phase, calibration):
@@ -364,8 +420,8 @@ def predictions(
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield each combination's name, predicted times (s) and places y (mm).
 
-    Both are (n - c,). ``calibration`` (n,) marks the c particles that calibrate; the others are
-    predicted. A combination is its name, arrival model and lateral model.
+    Both are (n - c,). ``calibration`` (n,) marks the c particles that calibrate; the
+    others are predicted. A combination is its name, arrival model and lateral model.
     """
     every, calibrating, (last, _) = _split(observed, calibration)
     times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model

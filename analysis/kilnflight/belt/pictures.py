@@ -28,18 +28,24 @@ MOST_PARTS = 8  # a larger spot is left whole: it is no few particles that touch
 def average(pictures: Iterable[Picture]) -> Picture:
     """Return the mean of pictures (rows, cols), the background (section II.B).
 
-    A particle that rests in all of them is part of the background and never found. One that rests
-    in a share s of the pictures has s times its contrast c in the mean. By the threshold t of
-    `Spots` it is found while it lies if (1 - s) c > t. Afterwards its place is found as a ghost,
-    which never moves, if s c > t. For wood on a dark belt c is 140 and t is 40 grey values: no
-    ghost below s = 0.29, not found above s = 0.71, both in between.
+    A particle that rests in all of them is part of the background and never found. One
+    that rests in a share s of the pictures has s times its contrast c in the mean. By
+    the threshold t of `Spots` it is found while it lies if (1 - s) c > t. Afterwards
+    its place is found as a ghost, which never moves, if s c > t. For wood on a dark
+    belt c is 140 and t is 40 grey values: no ghost below s = 0.29, not found above s =
+    0.71, both in between.
     """
-    total, count = np.zeros((0, 0), dtype=np.uint32), 0
+    total = np.zeros((0, 0), dtype=np.uint32)
+    count = 0
     for count, picture in enumerate(pictures, 1):
-        check_picture(picture, f"pictures: number {count}", total.shape if count > 1 else None)
+        check_picture(
+            picture, f"pictures: number {count}", total.shape if count > 1 else None
+        )
         total = total + picture if count > 1 else picture.astype(np.uint32)
     if not count:
-        raise InputError("pictures: none to take the background from; give at least one.")
+        raise InputError(
+            "pictures: none to take the background from; give at least one."
+        )
     return np.rint(total / count).astype(np.uint8)
 
 
@@ -47,53 +53,62 @@ def average(pictures: Iterable[Picture]) -> Picture:
 class Spots:
     """Connected areas that differ from the background, as centroids.
 
-    Particles that touch are one spot at their common centroid. Spots that are larger than
-    1.5 times a single particle are marked and kept. With ``split`` such a spot becomes as many as
-    single areas fit into it: its pixels are clustered by place (k-means). The parts keep the mark.
+    Particles that touch are one spot at their common centroid. Spots that are larger
+    than 1.5 times a single particle are marked and kept. With ``split`` such a spot
+    becomes as many as single areas fit into it: its pixels are clustered by place
+    (k-means). The parts keep the mark.
 
     Notes
     -----
-    Section II.B names connected components and centroids, neither threshold nor sizes. Its
-    footnote 1 names particles that touch, but no remedy that was used. The number is by size, so no
-    neck between the particles is needed, as a watershed would. Two cylinders side by side are cut
-    across, though.
+    Section II.B names connected components and centroids, neither threshold nor sizes.
+    Its footnote 1 names particles that touch, but no remedy that was used. The number
+    is by size, so no neck between the particles is needed, as a watershed would. Two
+    cylinders side by side are cut across, though.
     """
 
-    threshold: float = 40.0  # grey values of 255, above any noise of a camera; not printed
+    threshold: float = (
+        40.0  # grey values of 255, above any noise of a camera; not printed
+    )
     single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
     split: bool = False  # neither paper used it
 
     def __call__(self, picture: Picture, background: Picture) -> Array:
         """Return row, col, area in px and whether several touch (1.0 or 0.0), (n, 4).
 
-        Rows and columns are those of the centroids. ``background`` (rows, cols) is from `average`,
-        of the shape of ``picture``.
+        Rows and columns are those of the centroids. ``background`` (rows, cols) is from
+        `average`, of the shape of ``picture``.
         """
         check_picture(picture, "picture", background.shape)
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
-        count, labels = cv2.connectedComponentsWithAlgorithm(mask, 8, cv2.CV_32S, cv2.CCL_GRANA)
-        # Few pixels are of spots: counting these takes a seventh of the time of OpenCV's statistics
-        # of all of them.
+        count, labels = cv2.connectedComponentsWithAlgorithm(
+            mask, 8, cv2.CV_32S, cv2.CCL_GRANA
+        )
+        # Few pixels are of spots: counting these takes a seventh of the time of
+        # OpenCV's statistics of all of them.
         nonzero = cv2.findNonZero(mask) if count > 1 else np.empty(0, np.int32)
         pixels = np.reshape(nonzero, (-1, 2))[:, ::-1]  # row, col
         spot = np.asarray(labels)[pixels[:, 0], pixels[:, 1]] - 1
         area = np.bincount(spot, minlength=count - 1).astype(np.float64)
         places = [np.bincount(spot, along, count - 1) / area for along in pixels.T]
         several = area > TOUCHING_FROM * self.single_px
-        found, kept = np.column_stack([*places, area, several]), area >= LEAST_PX
+        found = np.column_stack([*places, area, several])
+        kept = area >= LEAST_PX
         if not self.split:
             return found[kept]
         number = np.rint(area / self.single_px)
         shared = np.flatnonzero(kept & several & (number > 1) & (number <= MOST_PARTS))
         kept[shared] = False
-        parts = [_parts(pixels[spot == k].astype(np.float64), int(number[k])) for k in shared]
+        parts = [
+            _parts(pixels[spot == k].astype(np.float64), int(number[k])) for k in shared
+        ]
         return np.concatenate([found[kept], *parts])
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
         """Return these spots with the median area of all as that of one particle.
 
-        ``pictures`` show mostly particles that do not touch; ``background`` is from `average`.
+        ``pictures`` show mostly particles that do not touch; ``background`` is from
+        `average`.
 
         Raises
         ------
@@ -102,7 +117,9 @@ class Spots:
         """
         areas = [self(picture, background)[:, 2] for picture in pictures]
         if not sum(map(len, areas)):
-            raise InputError("pictures: no particle to calibrate with; take some of a loaded belt.")
+            raise InputError(
+                "pictures: no particle to calibrate with; take some of a loaded belt."
+            )
         return replace(self, single_px=float(np.median(np.concatenate(areas))))
 
 
@@ -111,7 +128,9 @@ def _parts(pixels: Array, number: int) -> Array:
 
     Columns (number, 4) are those of `Spots`: row, col, area, and the mark, 1.
     """
-    from sklearn.cluster import KMeans  # here: it takes a second to load, and only splits need it
+    from sklearn.cluster import (
+        KMeans,
+    )  # here: it takes a second to load, and only splits need it
 
     away = pixels - pixels.mean(axis=0)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
@@ -127,8 +146,8 @@ def _parts(pixels: Array, number: int) -> Array:
 class MeasureSpots:
     """Measure the spots of a picture in millimetres on the belt.
 
-    Spots with their centroid in ``area`` are kept. Pictures are cut to it and a margin, which shows
-    a particle at its border whole.
+    Spots with their centroid in ``area`` are kept. Pictures are cut to it and a margin,
+    which shows a particle at its border whole.
 
     Parameters
     ----------
@@ -159,8 +178,8 @@ class MeasureSpots:
     def __call__(self, picture: Picture, frame: int = 0) -> Array:
         """Return row, col, area (px), touching, x and y (mm) of each spot, (n, 6).
 
-        These are the columns of `kilnflight.tables.BELT_SPOTS` after the first. ``frame`` is named
-        in the error for a ``picture`` of another shape or type.
+        These are the columns of `kilnflight.tables.BELT_SPOTS` after the first.
+        ``frame`` is named in the error for a ``picture`` of another shape or type.
         """
         check_picture(picture, f"picture of frame {frame}", self.background.shape)
         found = self.spots(picture[self._window], self._empty)

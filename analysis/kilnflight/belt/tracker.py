@@ -2,9 +2,10 @@
 
 predict, gate, associate with extra rows and columns, update, score, start, stop
 
-Loop, filter, gate and assignment are those of the kiln's tracker. The belt adds its costs, the
-likelihoods that tracks begin and end, and the score that separates particles from dirt. Lengths are
-in mm, times in s. All likelihoods are taken as -ln, so the likeliest association is the cheapest.
+Loop, filter, gate and assignment are those of the kiln's tracker. The belt adds its
+costs, the likelihoods that tracks begin and end, and the score that separates particles
+from dirt. Lengths are in mm, times in s. All likelihoods are taken as -ln, so the
+likeliest association is the cheapest.
 """
 
 from __future__ import annotations
@@ -32,9 +33,14 @@ MISSED = 0.1  # share of particles in view without a spot of their own; assumpti
 FALSE_VALID = 1e-4  # a: share of dirt tracks that become valid; assumption
 FALSE_LOST = 1e-6  # b: share of particles given up; six misses in a row; assumption
 VALID_FROM = float(np.log((1 - FALSE_LOST) / FALSE_VALID))  # score of a valid track
-LOST_BY = float(np.log((1 - FALSE_VALID) / FALSE_LOST))  # fall of the score of a lost track
-LEFT, BACK, SIDEWAYS = "left at the end", "left at the start", "left sideways"
-LOST, RUNNING = "lost", "recording ends"
+LOST_BY = float(
+    np.log((1 - FALSE_VALID) / FALSE_LOST)
+)  # fall of the score of a lost track
+LEFT = "left at the end"
+BACK = "left at the start"
+SIDEWAYS = "left sideways"
+LOST = "lost"
+RUNNING = "recording ends"
 SCORES = (
     ("score", np.float64),
     ("best", np.float64),  # highest score so far
@@ -57,28 +63,30 @@ def constant_velocity(
     frame_s
         Time between two frames in s.
     spread_mm
-        Standard deviation of a measurement in mm. The default is a choice: that of rounding to
-        whole pixels of 0.44 mm, 0.44 / sqrt(12). See the notes.
+        Standard deviation of a measurement in mm. The default is a choice: that of
+        rounding to whole pixels of 0.44 mm, 0.44 / sqrt(12). See the notes.
     acceleration_mm_s2
-        Standard deviation of the mean acceleration in a frame, mm/s^2; the default is 0.2 g, a
-        belt's drag.
+        Standard deviation of the mean acceleration in a frame, mm/s^2; the default is
+        0.2 g, a belt's drag.
     belt_mm_s
         Velocity of the belt in mm/s.
 
     Notes
     -----
-    No number is printed. A particle enters with 0 to the belt's 1500 mm/s: mean 750, standard
-    deviation 433. The noise changes its velocity by ``acceleration_mm_s2`` times ``frame_s`` in a
-    frame.
+    No number is printed. A particle enters with 0 to the belt's 1500 mm/s: mean 750,
+    standard deviation 433. The noise changes its velocity by ``acceleration_mm_s2``
+    times ``frame_s`` in a frame.
 
-    ``spread_mm`` was set before places were compared with the truth, and is not fitted to it.
-    Centroids are not rounded to pixels and scatter less. But parallax shifts the place of a sphere
-    by up to 0.5 mm at the start of the belt, and changes slowly from there on. So errors of
-    successive frames are not independent, as the filter assumes.
+    ``spread_mm`` was set before places were compared with the truth, and is not fitted
+    to it. Centroids are not rounded to pixels and scatter less. But parallax shifts the
+    place of a sphere by up to 0.5 mm at the start of the belt, and changes slowly from
+    there on. So errors of successive frames are not independent, as the filter assumes.
     """
     noise = acceleration_mm_s2 * np.sqrt(frame_s)
     share = belt_mm_s / BELT_VELOCITY_MM_S
-    return ConstantVelocity((750.0 * share, 0.0), 433.0 * share, float(noise), spread_mm)
+    return ConstantVelocity(
+        (750.0 * share, 0.0), 433.0 * share, float(noise), spread_mm
+    )
 
 
 @dataclass(frozen=True)
@@ -87,22 +95,28 @@ class Appearance:
 
     Notes
     -----
-    Fig. 2 shows both curves without a scale. By its text, particles appear mostly at the
-    beginning of the observed region, and likely disappear behind its end. Here both follow from
-    counting. A new particle lies within the distance that the belt moves in a frame. A track is
-    missed with the probability that its prediction lies outside. Beyond the sides is outside,
-    too.
+    Fig. 2 shows both curves without a scale. By its text, particles appear mostly at
+    the beginning of the observed region, and likely disappear behind its end. Here both
+    follow from counting. A new particle lies within the distance that the belt moves in
+    a frame. A track is missed with the probability that its prediction lies outside.
+    Beyond the sides is outside, too.
     """
 
     area: Area = TRACKED
-    arrivals: float = 1.0  # per frame; the order of 4000 particles in 15 s at 200 frames/s
+    arrivals: float = (
+        1.0  # per frame; the order of 4000 particles in 15 s at 200 frames/s
+    )
     entry_mm: float = 7.5  # in which they are first seen: 1500 mm/s for 5 ms
     entry_blur_mm: float = 2.5  # softness of its end: radius of a sphere
-    clutter: float = 0.1  # per frame, anywhere: dirt, or particles found again; assumption
+    clutter: float = (
+        0.1  # per frame, anywhere: dirt, or particles found again; assumption
+    )
 
     @property
     def clutter_density(self) -> float:
-        """Expected number of measurements per frame and mm^2 that are of no new particle."""
+        """Expected number of measurements per frame and mm^2 that are of no new
+        particle.
+        """
         return self.clutter / self.area.square_mm
 
     def new(self, places: Array) -> Array:
@@ -115,19 +129,23 @@ class Appearance:
         entry_share: Array = ndtr((end - places[:, 0]) / self.entry_blur_mm)
         return self.clutter_density + density * entry_share
 
-    def unobserved_likelihood(self, places: Array, residual: Array) -> tuple[Array, Array]:
+    def unobserved_likelihood(
+        self, places: Array, residual: Array
+    ) -> tuple[Array, Array]:
         """Return the probability of no observation, and that of being outside, (n,).
 
-        A track is observed if it lies in the area and is not missed there. Otherwise it is outside
-        the area, or missed with probability `MISSED`. The first probability is the likelihood of
-        Fig. 3's extra columns. It is at least 1e-12, so that its logarithm is finite.
+        A track is observed if it lies in the area and is not missed there. Otherwise it
+        is outside the area, or missed with probability `MISSED`. The first probability
+        is the likelihood of Fig. 3's extra columns. It is at least 1e-12, so that its
+        logarithm is finite.
 
         Parameters
         ----------
         places
             Predicted x and y of n tracks, (n, 2) in mm.
         residual
-            S (n, 2, 2) in mm^2, covariance of a measurement; x and y are taken as independent.
+            S (n, 2, 2) in mm^2, covariance of a measurement; x and y are taken as
+            independent.
         """
         spread = np.sqrt(np.diagonal(residual, axis1=1, axis2=2))
         corners = self.area.corners[[0, 2]]
@@ -136,7 +154,8 @@ class Appearance:
         return np.maximum(1e-12, 1.0 - (1.0 - MISSED) * inside), 1.0 - inside
 
 
-_MOTION, _APPEARANCE = constant_velocity(), Appearance()
+_MOTION = constant_velocity()
+_APPEARANCE = Appearance()
 
 
 class Likelihoods(NamedTuple):
@@ -154,11 +173,11 @@ class Likelihoods(NamedTuple):
 
         Notes
         -----
-        In Fig. 3 each measurement has an extra row of its own, each track an extra column. So a
-        measurement without a track costs -ln ``new`` (m,), and a track without a measurement -ln
-        ``unobserved`` (n,). A measurement that is paired saves its -ln ``new``. Subtracting it from
-        the ``costs`` of the measurement's pairs, that is adding ln ``new``, gives the same optimum
-        without the extra rows.
+        In Fig. 3 each measurement has an extra row of its own, each track an extra
+        column. So a measurement without a track costs -ln ``new`` (m,), and a track
+        without a measurement -ln ``unobserved`` (n,). A measurement that is paired
+        saves its -ln ``new``. Subtracting it from the ``costs`` of the measurement's
+        pairs, that is adding ln ``new``, gives the same optimum without the extra rows.
         """
         costs = self.costs + np.log(self.new)[pairs[1]]
         return assign(*pairs, costs, -np.log(self.unobserved))
@@ -175,11 +194,12 @@ class Followed(NamedTuple):
 class BeltTracker:
     """Track particles by global nearest neighbour with entries, exits and scores.
 
-    A track's score is the log likelihood ratio of a particle against dirt (Blackman and Popoli,
-    ch. 6). It starts with that of a new particle at this place. Each measurement adds
-    ln((1 - `MISSED`) N / clutter density), each miss ln(unobserved). A track is valid from the
-    score `VALID_FROM` = ln((1 - b) / a) on. It is lost when the score falls below its best by more
-    than `LOST_BY` = ln((1 - a) / b). Here a is `FALSE_VALID` and b is `FALSE_LOST`.
+    A track's score is the log likelihood ratio of a particle against dirt (Blackman and
+    Popoli, ch. 6). It starts with that of a new particle at this place. Each
+    measurement adds ln((1 - `MISSED`) N / clutter density), each miss ln(unobserved). A
+    track is valid from the score `VALID_FROM` = ln((1 - b) / a) on. It is lost when the
+    score falls below its best by more than `LOST_BY` = ln((1 - a) / b). Here a is
+    `FALSE_VALID` and b is `FALSE_LOST`.
 
     Parameters
     ----------
@@ -192,8 +212,8 @@ class BeltTracker:
 
     Notes
     -----
-    The paper names the score and its purpose, no thresholds. A missed track that is outside
-    with a probability above one half has left; that is no loss.
+    The paper names the score and its purpose, no thresholds. A missed track that is
+    outside with a probability above one half has left; that is no loss.
     """
 
     motion: Motion = _MOTION
@@ -206,29 +226,31 @@ class BeltTracker:
         Parameters
         ----------
         measured
-            Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside the area are
-            ignored.
+            Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside
+            the area are ignored.
         frames
-            Number of frames of the camera, so that tracks may end after the last measurement. The
-            last measurement's frame is the last one if that is later, as with 0.
+            Number of frames of the camera, so that tracks may end after the last
+            measurement. The last measurement's frame is the last one if that is later,
+            as with 0.
 
         Returns
         -------
         Followed
-            ``states``: `kilnflight.tables.BELT_STATES`, a row per track and frame. ``ends``:
-            `kilnflight.tables.BELT_ENDS` and ``reason``, a row per track.
+            ``states``: `kilnflight.tables.BELT_STATES`, a row per track and frame.
+            ``ends``: `kilnflight.tables.BELT_ENDS` and ``reason``, a row per track.
 
         Raises
         ------
         InputError
-            If a column is missing or not numeric, or one frame has two measurements at the same
-            place: they would be two tracks of one particle.
+            If a column is missing or not numeric, or one frame has two measurements at
+            the same place: they would be two tracks of one particle.
         """
         steps = [step for step in self.steps(measured, frames) if len(step.tracks)]
         if not steps:
             return Followed(BELT_STATES.empty(), BELT_ENDS.empty().assign(reason=""))
         frame = np.repeat(
-            [step.detected.frame for step in steps], [len(step.tracks) for step in steps]
+            [step.detected.frame for step in steps],
+            [len(step.tracks) for step in steps],
         )
         tracks = np.concatenate([step.tracks for step in steps])
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
@@ -236,23 +258,26 @@ class BeltTracker:
     def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
         """Yield the `Step` of each frame from the first measurement on.
 
-        Frames without measurements have one, too. A step holds the m measurements of the frame,
-        their p gated pairs with the n tracks, and weights (p,). It also holds each
-        measurement's track (m,), and the tracks after the frame.
+        Frames without measurements have one, too. A step holds the m measurements of
+        the frame, their p gated pairs with the n tracks, and weights (p,). It also
+        holds each measurement's track (m,), and the tracks after the frame.
 
         Parameters
         ----------
         measured
             Columns frame, x, y (mm); those outside the area are ignored.
         frames
-            Number of frames of the camera. Steps end with frame ``frames - 1`` or with the last
-            measurement, whichever is later; so 0 means the last measurement.
+            Number of frames of the camera. Steps end with frame ``frames - 1`` or with
+            the last measurement, whichever is later; so 0 means the last measurement.
         """
         table = MEASURED.check(measured, once=True)
-        number, places = table["frame"].to_numpy(), table[["x", "y"]].to_numpy()
+        number = table["frame"].to_numpy()
+        places = table[["x", "y"]].to_numpy()
         if not len(number):
             return
-        check_number(np.ptp(number), "measured: frames from first to last", most=10_000_000)
+        check_number(
+            np.ptp(number), "measured: frames from first to last", most=10_000_000
+        )
         order = np.argsort(number, kind="stable")
         every = np.arange(number.min(), max(number.max() + 1, frames))
         parts = np.split(order, np.searchsorted(number[order], every[1:]))
@@ -265,7 +290,9 @@ class BeltTracker:
         """Yield the `Step` of each frame, given as `detections` by ascending number."""
         return follow(frames, self.motion, _GATE, self.associate, self.keeps, SCORES)
 
-    def detections(self, number: int, places: Array, rows: Integers, frames: int = 1) -> Detected:
+    def detections(
+        self, number: int, places: Array, rows: Integers, frames: int = 1
+    ) -> Detected:
         """Return the measurements of one frame for `follow`.
 
         Parameters
@@ -282,8 +309,8 @@ class BeltTracker:
         Returns
         -------
         Detected
-            Measurements in the area, sorted by x, then y, so that no result depends on the order
-            of the table.
+            Measurements in the area, sorted by x, then y, so that no result depends on
+            the order of the table.
 
         Raises
         ------
@@ -295,36 +322,49 @@ class BeltTracker:
         inside = np.ascontiguousarray(places[kept])
         if (np.diff(inside, axis=0) == 0).all(axis=1).any():
             raise InputError(
-                f"measured: frame {number} has two measurements at one place. They would be two "
-                "tracks of one particle; keep one of them (pandas: drop_duplicates)."
+                f"measured: frame {number} has two measurements at one place. They "
+                "would be two tracks of one particle; keep one of them (pandas: "
+                "drop_duplicates)."
             )
-        return Detected(inside, frame=number, span=self.frame_s * frames, rows=rows[kept])
+        return Detected(
+            inside, frame=number, span=self.frame_s * frames, rows=rows[kept]
+        )
 
     def likelihoods(self, detected: Detected, pairs: Pairs) -> Likelihoods:
         """Return the likelihoods of n tracks and m measurements, for their association."""
-        unobserved, outside = self.appearance.unobserved_likelihood(pairs.expected, pairs.residual)
+        unobserved, outside = self.appearance.unobserved_likelihood(
+            pairs.expected, pairs.residual
+        )
         logs = pairs.log_determinant + pairs.expected.shape[1] * np.log(2.0 * np.pi)
-        costs = 0.5 * logs[pairs.track] - np.log(1.0 - MISSED) + 0.5 * pairs.distance_squared
-        return Likelihoods(costs, unobserved, self.appearance.new(detected.positions), outside)
+        costs = (
+            0.5 * logs[pairs.track]
+            - np.log(1.0 - MISSED)
+            + 0.5 * pairs.distance_squared
+        )
+        return Likelihoods(
+            costs, unobserved, self.appearance.new(detected.positions), outside
+        )
 
     def associate(
         self, tracks: Tracks, detected: Detected, pairs: Pairs
     ) -> tuple[Flags, ExtraColumns, ExtraColumns]:
         """Return the pairs that are taken, and the scores of tracks and of new tracks.
 
-        Flags are of the pairs (p,). Scores are the columns `SCORES`, (n,) of the tracks and (m,) of
-        those that the measurements would start. `follow` calls it.
+        Flags are of the pairs (p,). Scores are the columns `SCORES`, (n,) of the tracks
+        and (m,) of those that the measurements would start. `follow` calls it.
         """
         likelihoods = self.likelihoods(detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
-        gain, taken = np.log(likelihoods.unobserved), likelihoods.taken(pairs[:2])
+        gain = np.log(likelihoods.unobserved)
+        taken = likelihoods.taken(pairs[:2])
         gain[pairs.track[taken]] = -(likelihoods.costs[taken] + clutter)
         scores = _scores(tracks["score"] + gain, tracks["best"], likelihoods.outside)
         first = np.log(likelihoods.new) - clutter
         return taken, scores, _scores(first, first, np.zeros_like(first))
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
-        """Return whether each track (n,) lives on: measured, or neither outside nor lost.
+        """Return whether each track (n,) lives on: measured, or neither outside nor
+        lost.
 
         ``frame`` is not used; `follow` passes it.
         """
@@ -341,7 +381,9 @@ class BeltTracker:
         sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
         # What is outside by probability may lie just inside: the nearer end decides.
         way = np.where(2.0 * x < area.start_mm + area.end_mm, BACK, LEFT)
-        reason = np.where(tracks["outside"] > 0.5, np.where(sideways, SIDEWAYS, way), LOST)
+        reason = np.where(
+            tracks["outside"] > 0.5, np.where(sideways, SIDEWAYS, way), LOST
+        )
         return np.where(self.keeps(tracks, 0), RUNNING, reason)
 
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
@@ -349,15 +391,23 @@ class BeltTracker:
         order = np.lexsort((frame, tracks["particle"]))
         last = order[np.append(np.diff(tracks["particle"][order]) != 0, True)]
         ended = tracks[last]
-        valid, reason = ended["valid"].astype(np.int64), self.reasons(ended)
+        valid = ended["valid"].astype(np.int64)
+        reason = self.reasons(ended)
         columns = (ended["particle"], frame[last], valid, reason)
-        return pd.DataFrame(dict(zip([*BELT_ENDS.names, "reason"], columns, strict=True)))
+        return pd.DataFrame(
+            dict(zip([*BELT_ENDS.names, "reason"], columns, strict=True))
+        )
 
 
 def _scores(score: Array, best: Array, outside: Array) -> ExtraColumns:
     """Return the columns `SCORES` (n,) after a frame; ``best`` (n,) is from before."""
     best = np.maximum(best, score)
-    return {"score": score, "best": best, "valid": best >= VALID_FROM, "outside": outside}
+    return {
+        "score": score,
+        "best": best,
+        "valid": best >= VALID_FROM,
+        "outside": outside,
+    }
 
 
 def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
@@ -365,5 +415,12 @@ def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
     state = np.zeros((len(frame), 6))
     state[:, : tracks["state"].shape[1]] = tracks["state"]
     valid = tracks["valid"].astype(np.int64)
-    columns = (frame, tracks["particle"], tracks["row"], valid, tracks["score"], *state.T)
+    columns = (
+        frame,
+        tracks["particle"],
+        tracks["row"],
+        valid,
+        tracks["score"],
+        *state.T,
+    )
     return pd.DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))

@@ -1,7 +1,8 @@
 """Particles that a bar of valves hits, by predictions of their arrival.
 
-The purpose of the predictions in both papers (Fig. 1 of each): an array of nozzles across the belt
-blows particles out. Neither paper evaluates it, so the numbers of the bar are choices.
+The purpose of the predictions in both papers (Fig. 1 of each): an array of nozzles
+across the belt blows particles out. Neither paper evaluates it, so the numbers of the
+bar are choices.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ import pandas as pd
 from kilnflight.arrays import Array, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
 
-Events = tuple[Integers, Array, Array]  # valve, times in s of the commands to open and to close
+Events = tuple[
+    Integers, Array, Array
+]  # valve, times in s of the commands to open and to close
 
 
 class Separation(NamedTuple):
@@ -44,19 +47,24 @@ def _mean(flags: Flags) -> float:
 class ValveBar:
     """Evenly spaced valves across the belt, and when each of them opens.
 
-    For each prediction the valve nearest to the predicted place opens for ``open_s``, the middle of
-    which is ``delay_s`` after the predicted time. Windows of a valve that overlap, or lie nearer
-    than ``dead_s``, are merged. A particle is hit if its centre passes an open valve, also one
-    that was opened for another; its size and the air's way are neglected. The belt's walls keep
-    particles on it, so a place predicted beyond them is taken to be at the wall.
+    For each prediction the valve nearest to the predicted place opens for ``open_s``,
+    the middle of which is ``delay_s`` after the predicted time. Windows of a valve that
+    overlap, or lie nearer than ``dead_s``, are merged. A particle is hit if its centre
+    passes an open valve, also one that was opened for another; its size and the air's
+    way are neglected. The belt's walls keep particles on it, so a place predicted
+    beyond them is taken to be at the wall.
     """
 
     valves: int = 32  # a pitch of 5.6 mm, about one particle; not printed
     belt_mm: float = BELT_WIDTH_MM  # width of the belt, and of the bar
-    valve_mm: float | None = None  # width of a jet; None: the pitch, no gap and no overlap
+    valve_mm: float | None = (
+        None  # width of a jet; None: the pitch, no gap and no overlap
+    )
     open_s: float = 0.005  # not printed, as are the next
     latency_s: float = 0.0  # from the command to the air at the belt
-    delay_s: float = 0.0  # of the window's middle after the predicted time; below 0: before it
+    delay_s: float = (
+        0.0  # of the window's middle after the predicted time; below 0: before it
+    )
     dead_s: float = 0.0  # shortest pause of a valve from closing to opening
 
     @property
@@ -78,10 +86,11 @@ class ValveBar:
     def windows(self, predicted: pd.DataFrame) -> Events:
         """Return valve, opening and closing command of each prediction, (n,) each.
 
-        Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`; rows whose
-        time or place is NaN open no valve and are left out.
+        Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`;
+        rows whose time or place is NaN open no valve and are left out.
         """
-        time, y = predicted["time_s"].to_numpy(), predicted["y"].to_numpy()
+        time = predicted["time_s"].to_numpy()
+        y = predicted["y"].to_numpy()
         known = np.isfinite(time) & np.isfinite(y)
         valve = self._nearest(y[known].clip(0, self.belt_mm))
         middle = time[known] + self.delay_s - self.latency_s
@@ -91,12 +100,14 @@ class ValveBar:
         """Return valve, opening and closing command of the merged windows, (k,) each.
 
         They are sorted by valve and time (s), and all predictions are known in advance.
-        ``predicted`` is `kilnflight.tables.BELT_PREDICTED`. `kilnflight.belt.online.ValveSchedule`
-        takes predictions as they become known.
+        ``predicted`` is `kilnflight.tables.BELT_PREDICTED`.
+        `kilnflight.belt.online.ValveSchedule` takes predictions as they become known.
         """
         valve, opens, closes = self.windows(predicted)
         order = np.lexsort((opens, valve))
-        valve, opens, closes = valve[order], opens[order], closes[order]
+        valve = valve[order]
+        opens = opens[order]
+        closes = closes[order]
         first = np.diff(valve, prepend=-1) != 0
         first[1:] |= self.are_apart(closes[:-1], opens[1:])
         # All windows are equally long, so the last of those merged closes last.
@@ -120,22 +131,33 @@ class ValveBar:
         time_s, y
             True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
-        hit, valve = np.zeros(len(time_s), dtype=bool), events[0]
+        hit = np.zeros(len(time_s), dtype=bool)
+        valve = events[0]
         if not len(valve) or not len(hit):
             return hit
-        opens, closes = events[1] + self.latency_s, events[2] + self.latency_s
+        opens = events[1] + self.latency_s
+        closes = events[2] + self.latency_s
         # All valves are on one axis, one after the other, each with its events in time.
         start = min(opens.min(), time_s.min())
         whole = 1.0 + max(opens.max(), time_s.max()) - start
-        keys, nearest = valve * whole + (opens - start), self._nearest(y)
+        keys = valve * whole + (opens - start)
+        nearest = self._nearest(y)
         reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
-        middles, half = self.middles_mm, self.width_mm / 2
+        middles = self.middles_mm
+        half = self.width_mm / 2
         for passed in (nearest + step for step in range(-reach, reach + 1)):
             away = np.abs(y - middles[passed.clip(0, self.valves - 1)])
-            near = np.flatnonzero((away <= half) & ~hit)  # to search the events takes most time
-            number, time = passed[near], time_s[near]
-            latest = np.searchsorted(keys, number * whole + (time - start), side="right") - 1
-            hit[near] = (latest >= 0) & (valve[latest] == number) & (time <= closes[latest])
+            near = np.flatnonzero(
+                (away <= half) & ~hit
+            )  # to search the events takes most time
+            number = passed[near]
+            time = time_s[near]
+            latest = (
+                np.searchsorted(keys, number * whole + (time - start), side="right") - 1
+            )
+            hit[near] = (
+                (latest >= 0) & (valve[latest] == number) & (time <= closes[latest])
+            )
         return hit
 
     def _nearest(self, y: Array) -> Integers:
@@ -143,7 +165,9 @@ class ValveBar:
         steps = (y - self.middles_mm[0]) / self.pitch_mm
         return np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
 
-    def __call__(self, predicted: pd.DataFrame, arrival: pd.DataFrame, chosen: Flags) -> Separation:
+    def __call__(
+        self, predicted: pd.DataFrame, arrival: pd.DataFrame, chosen: Flags
+    ) -> Separation:
         """Return which particles are hit if each prediction opens a valve.
 
         Parameters
@@ -151,7 +175,8 @@ class ValveBar:
         predicted
             `kilnflight.tables.BELT_PREDICTED` of the particles to be blown out.
         arrival
-            All true arrivals (n,): ``time_s`` and ``y`` of `kilnflight.tables.BELT_ARRIVAL`.
+            All true arrivals (n,): ``time_s`` and ``y`` of
+            `kilnflight.tables.BELT_ARRIVAL`.
         chosen
             (n,), which of them are to be blown out.
         """

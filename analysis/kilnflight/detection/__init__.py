@@ -8,21 +8,23 @@ Sections 2.2.2 to 2.2.6 of the thesis.
 =========================  ============  ==========================  =====================
 detector                   equation      default                     source
 =========================  ============  ==========================  =====================
-`Otsu`                     2.11 to 2.20  none; particles from 5 px   sec. 2.2.2, Table 5.5
-`DoG`                      2.21 to 2.28  local maximum of DoG 500    sec. 2.2.3, 5.1.2
+`Otsu`                     2.11 to 2.20  none; particles from 5 px   sec. 2.2.2, Table
+5.5 `DoG`                      2.21 to 2.28  local maximum of DoG 500    sec. 2.2.3,
+5.1.2
 =========================  ============  ==========================  =====================
 
 =========================  ============  ==========================  =====================
 clusterer                  equation      default                     source
 =========================  ============  ==========================  =====================
-`DBSCAN`                   none          eps 50 mm, min_points 10    sec. 2.2.4, Table 5.8
-`MorphologicalClustering`  2.31 to 2.36  grid 150                    sec. 2.2.5, Table 5.9
-`QuasiClusterCenters`      2.37 to 2.41  k 35, alpha 0.1             sec. 2.2.6, Table 5.10
+`DBSCAN`                   none          eps 50 mm, min_points 10    sec. 2.2.4, Table
+5.8 `MorphologicalClustering`  2.31 to 2.36  grid 150                    sec. 2.2.5,
+Table 5.9 `QuasiClusterCenters`      2.37 to 2.41  k 35, alpha 0.1             sec.
+2.2.6, Table 5.10
 =========================  ============  ==========================  =====================
 
-Defaults are the best F1 of the tables, recomputed from their counts; the threshold of DoG is
-the thesis's and belongs to its exposure. Clusters are numbered in the order of their first
-point (`DBSCAN`: first core point, as scikit-learn does).
+Defaults are the best F1 of the tables, recomputed from their counts; the threshold of
+DoG is the thesis's and belongs to its exposure. Clusters are numbered in the order of
+their first point (`DBSCAN`: first core point, as scikit-learn does).
 """
 
 from collections.abc import Callable
@@ -41,4 +43,8 @@ from kilnflight.detection.sift import Polygon as Polygon
 Detector2D = Callable[..., Array]  # (foreground, within: Polygon | None = None)
 Clusterer = Callable[[npt.ArrayLike], Index]
 DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG())
-CLUSTERERS: tuple[Clusterer, ...] = (DBSCAN(), MorphologicalClustering(), QuasiClusterCenters())
+CLUSTERERS: tuple[Clusterer, ...] = (
+    DBSCAN(),
+    MorphologicalClustering(),
+    QuasiClusterCenters(),
+)

@@ -1,21 +1,23 @@
 """The combined detector of keypoints and clusters (chapter 3.1).
 
-A 2D detector finds keypoints in the foreground. A clusterer finds clusters among the points
-without the wall, which is the largest cluster of a first pass. A keypoint is a disc, and the area
-of a cluster the rectangle around its pixels. Those that share a pixel of the image are one
-potential particle. Their numbers decide its case, and each case uses the grey values differently.
+A 2D detector finds keypoints in the foreground. A clusterer finds clusters among the
+points without the wall, which is the largest cluster of a first pass. A keypoint is a
+disc, and the area of a cluster the rectangle around its pixels. Those that share a
+pixel of the image are one potential particle. Their numbers decide its case, and each
+case uses the grey values differently.
 
 =====  =========  ========  ===========================================================
 case   keypoints  clusters  decision
 =====  =========  ========  ===========================================================
-1      1          1         a particle
-2      several    1         as many as grey-value peaks in the cluster's rectangle
-3      1          several   as many as peaks in the rectangle where disc and clusters overlap
-4      none       1         if a peak or trough is there and in the frame difference
-5      1          none      the same in the disc's rectangle
+1      1          1         a particle 2      several    1         as many as grey-value
+peaks in the cluster's rectangle 3      1          several   as many as peaks in the
+rectangle where disc and clusters overlap 4      none       1         if a peak or
+trough is there and in the frame difference 5      1          none      the same in the
+disc's rectangle
 =====  =========  ========  ===========================================================
 
-Several keypoints with several clusters are not in the thesis; they are decided as case 2.
+Several keypoints with several clusters are not in the thesis; they are decided as case
+2.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -37,13 +39,16 @@ from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.detection.region import inside
 from kilnflight.tables import DETECTIONS
 
-MARGIN_PX = 3  # widens every area, so that its border shows what surrounds the particle; ours
-# A wider or higher cluster is a remainder of the wall, a larger keypoint one of its flicker; both
-# are left out. Twice the 45 px that section 3.3 derives from the radii, nearly all of which are
-# below 15 px (Fig. 3.12). The thesis names no limit.
+MARGIN_PX = (
+    3  # widens every area, so that its border shows what surrounds the particle; ours
+)
+# A wider or higher cluster is a remainder of the wall, a larger keypoint one of its
+# flicker; both are left out. Twice the 45 px that section 3.3 derives from the radii,
+# nearly all of which are below 15 px (Fig. 3.12). The thesis names no limit.
 LARGEST_PX = 90
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
-# By how many keypoints and clusters share pixels, 2 for several. The last is not in the thesis.
+# By how many keypoints and clusters share pixels, 2 for several. The last is not in the
+# thesis.
 _CASES = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
 _COLUMNS = ("row", "col", "radius_px", "x", "y", "z", "points", "case")
 
@@ -59,8 +64,8 @@ class Clusters(NamedTuple):
 def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     """Return the clusters of points with ``labels`` (n,), by ascending label.
 
-    ``pixels`` (n, 2) are row and col, ``xyz`` (n, 3) in mm. Points of label -1 are left out; a
-    label without points is no cluster.
+    ``pixels`` (n, 2) are row and col, ``xyz`` (n, 3) in mm. Points of label -1 are left
+    out; a label without points is no cluster.
     """
     labelled = np.flatnonzero(labels >= 0)
     label = labels[labelled]
@@ -70,7 +75,8 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     order = labelled[np.argsort(short, kind="stable")]
     start = np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.intp)
     # rows are taken: indexing narrow rows is several times slower
-    rows, places = np.take(pixels, order, axis=0), np.take(xyz, order, axis=0)
+    rows = np.take(pixels, order, axis=0)
+    places = np.take(xyz, order, axis=0)
     return Clusters(rows.astype(np.intp), places.astype(np.float64, copy=False), start)
 
 
@@ -79,30 +85,38 @@ def rectangles(clusters: Clusters) -> Index:
 
     Columns are first row, row after the last, first column, column after the last.
     """
-    pixels, start = clusters.pixels, clusters.start[:-1]
-    low, high = np.minimum.reduceat(pixels, start), np.maximum.reduceat(pixels, start)
+    pixels = clusters.pixels
+    start = clusters.start[:-1]
+    low = np.minimum.reduceat(pixels, start)
+    high = np.maximum.reduceat(pixels, start)
     return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
 
 
 def centers(clusters: Clusters) -> Array:
     """Return the mean row and column of each cluster's points, (clusters, 2) in px."""
-    sums = np.add.reduceat(clusters.pixels.astype(np.float64), clusters.start[:-1], axis=0)
+    sums = np.add.reduceat(
+        clusters.pixels.astype(np.float64), clusters.start[:-1], axis=0
+    )
     return np.asarray(sums / np.diff(clusters.start)[:, None])
 
 
 def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Clusters:
     """Return the clusters chosen by indices (k,), in that order, or by a mask."""
-    first, sizes = clusters.start[:-1][which], np.diff(clusters.start)[which]
+    first = clusters.start[:-1][which]
+    sizes = np.diff(clusters.start)[which]
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     point = np.repeat(first - start[:-1], sizes) + np.arange(start[-1])
-    return Clusters(clusters.pixels.take(point, axis=0), clusters.xyz.take(point, axis=0), start)
+    return Clusters(
+        clusters.pixels.take(point, axis=0), clusters.xyz.take(point, axis=0), start
+    )
 
 
 def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index]:
-    """Return the areas (n, 4) of clusters in px, as `rectangles`, and the cluster (n,) of each.
+    """Return the areas (n, 4) of clusters in px, as `rectangles`, and the cluster (n,)
+    of each.
 
-    ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1. False: its
-    pixels, which do not fill it.
+    ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1.
+    False: its pixels, which do not fill it.
     """
     owner = np.arange(len(clusters.start) - 1)
     if rectangular:
@@ -116,8 +130,9 @@ def potential_particles(
 ) -> Iterator[tuple[int, Index, Index]]:
     """Yield case, keypoints (s,) and clusters (c,) of each potential particle.
 
-    Both are indices. A keypoint and a cluster are linked if its disc shares a pixel with an area
-    of the cluster. A potential particle is all that is linked, directly or through others.
+    Both are indices. A keypoint and a cluster are linked if its disc shares a pixel
+    with an area of the cluster. A potential particle is all that is linked, directly or
+    through others.
 
     Parameters
     ----------
@@ -128,17 +143,25 @@ def potential_particles(
     rectangular
         Whether the area of a cluster is its rectangle, or else its pixels.
     """
-    spots, groups = len(keypoints), len(clusters.start) - 1
+    spots = len(keypoints)
+    groups = len(clusters.start) - 1
     if not spots + groups:
         return
     areas, owner = areas_of(clusters, rectangular)
-    spot, area = np.nonzero(_touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX))
-    links = coo_array((np.ones(len(spot)), (spot, spots + owner[area])), 2 * (spots + groups,))
+    spot, area = np.nonzero(
+        _touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX)
+    )
+    links = coo_array(
+        (np.ones(len(spot)), (spot, spots + owner[area])), 2 * (spots + groups,)
+    )
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
-    sizes, later = np.bincount(part), np.bincount(part[spots:], minlength=part.max() + 1)
+    sizes = np.bincount(part)
+    later = np.bincount(part[spots:], minlength=part.max() + 1)
     last = np.cumsum(sizes)
-    for first, middle, end in np.stack([last - sizes, last - later, last], axis=1).tolist():
+    for first, middle, end in np.stack(
+        [last - sizes, last - later, last], axis=1
+    ).tolist():
         case = _CASES[min(middle - first, 2), min(end - middle, 2)]
         yield case, order[first:middle], order[middle:end] - spots
 
@@ -147,8 +170,9 @@ def potential_particles(
 def _touching(discs: Any, areas: Any, smallest: float) -> Any:
     """Return whether each disc shares a pixel with each area, (n, m).
 
-    ``discs`` (n, 3) are row, column and radius in px, ``areas`` (m, 4) as in `rectangles`; smaller
-    discs get the radius ``smallest``. Compiled: some hundred discs meet a thousand rectangles.
+    ``discs`` (n, 3) are row, column and radius in px, ``areas`` (m, 4) as in
+    `rectangles`; smaller discs get the radius ``smallest``. Compiled: some hundred
+    discs meet a thousand rectangles.
     """
     touching = np.empty((len(discs), len(areas)), np.bool_)
     for i in range(len(discs)):
@@ -164,8 +188,8 @@ def _touching(discs: Any, areas: Any, smallest: float) -> Any:
 def overlap(disc: Array, areas: Index, shape: tuple[int, ...]) -> Index:
     """Return the rectangle (4,) around the pixels that a disc shares with areas (n, 4).
 
-    ``disc`` (3,) is row, column and radius in px; it shares a pixel of the image, of ``shape``,
-    with one area at least.
+    ``disc`` (3,) is row, column and radius in px; it shares a pixel of the image, of
+    ``shape``, with one area at least.
     """
     _, row, col = disc_pixels(disc[None], SMALLEST_DISC_PX, shape)
     top, bottom, left, right = areas.T[..., None]
@@ -176,8 +200,9 @@ def overlap(disc: Array, areas: Index, shape: tuple[int, ...]) -> Index:
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     """Return the mean grey value (n,) within each disc.
 
-    ``gray`` is (rows, cols), ``discs`` (n, 3) are row, column and radius in px. A disc covers
-    at least the pixel nearest to its centre; pixels outside the image do not count.
+    ``gray`` is (rows, cols), ``discs`` (n, 3) are row, column and radius in px. A disc
+    covers at least the pixel nearest to its centre; pixels outside the image do not
+    count.
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
@@ -213,24 +238,30 @@ class Combination:
     clusterer
         Finds clusters among the points without the wall.
     wall
-        Clusterer of the first pass; its largest cluster is the wall. Section 5.1.3 takes the
-        parameters of highest precision.
+        Clusterer of the first pass; its largest cluster is the wall. Section 5.1.3
+        takes the parameters of highest precision.
     prominence
-        Multiple of the noise by which a peak must stand out. The thesis does not say; in an
-        area of noise alone, of some hundred pixels, the highest stands out by about 3.5.
+        Multiple of the noise by which a peak must stand out. The thesis does not say;
+        in an area of noise alone, of some hundred pixels, the highest stands out by
+        about 3.5.
     share
-        A second peak must stand out by this share of the highest: in saturated or flickering
-        flames the noise is larger than elsewhere.
+        A second peak must stand out by this share of the highest: in saturated or
+        flickering flames the noise is larger than elsewhere.
     rectangular
-        Whether a keypoint and a cluster belong together where its disc meets the rectangle of
-        the cluster (chapter 3.1, case 2); False: where it meets a pixel of it.
+        Whether a keypoint and a cluster belong together where its disc meets the
+        rectangle of the cluster (chapter 3.1, case 2); False: where it meets a pixel of
+        it.
     largest_px
         Diameter of the largest keypoint, in px; larger ones are left out.
     """
 
     detector: Detector2D = field(default_factory=DoG)
-    clusterer: Clusterer = field(default_factory=lambda: DBSCAN(eps=15.0, min_points=10))  # 5.1.3
-    wall: Clusterer = field(default_factory=lambda: DBSCAN(eps=50.0, min_points=10))  # 5.1.3
+    clusterer: Clusterer = field(
+        default_factory=lambda: DBSCAN(eps=15.0, min_points=10)
+    )  # 5.1.3
+    wall: Clusterer = field(
+        default_factory=lambda: DBSCAN(eps=50.0, min_points=10)
+    )  # 5.1.3
     prominence: float = 5.0
     share: float = 0.1
     rectangular: bool = True
@@ -240,7 +271,9 @@ class Combination:
         check_number(self.prominence, "Combination: prominence", above=0)
         check_number(self.share, "Combination: share", least=0)
 
-    def __call__(self, view: View, roi: Polygon | None = None, frame: int = 0) -> pd.DataFrame:
+    def __call__(
+        self, view: View, roi: Polygon | None = None, frame: int = 0
+    ) -> pd.DataFrame:
         """Return the particles of a frame.
 
         Parameters
@@ -248,7 +281,8 @@ class Combination:
         view
             Images and points of the frame.
         roi
-            Corners (row, col) of a polygon in px; particles outside are left out. None: all stay.
+            Corners (row, col) of a polygon in px; particles outside are left out. None:
+            all stay.
         frame
             Number of the frame, for the table.
 
@@ -258,7 +292,9 @@ class Combination:
             `kilnflight.tables.DETECTIONS`.
         """
         labels = second_pass(view.xyz, self.wall, self.clusterer)
-        return self.decide(view, self.detector(view.foreground, roi), labels, roi, frame)
+        return self.decide(
+            view, self.detector(view.foreground, roi), labels, roi, frame
+        )
 
     def decide(
         self,
@@ -281,7 +317,8 @@ class Combination:
         labels
             (n,) cluster of each point of the view; -1: wall or noise.
         roi
-            Corners (row, col) of a polygon in px; particles outside are left out. None: all stay.
+            Corners (row, col) of a polygon in px; particles outside are left out. None:
+            all stay.
         frame
             Number of the frame, for the table.
 
@@ -297,20 +334,27 @@ class Combination:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
             small &= inside(roi, *centers(clusters).T)
         clusters = take_clusters(clusters, small)
-        evidence = Evidence.of(view.gray, view.previous, self.prominence, self.share, view.smooth)
+        evidence = Evidence.of(
+            view.gray, view.previous, self.prominence, self.share, view.smooth
+        )
         moved = evidence.moved(widened(rectangles(clusters)))
         parts = [np.empty((0, len(_COLUMNS)))]
-        for case, spots, groups in potential_particles(keypoints, clusters, self.rectangular):
+        for case, spots, groups in potential_particles(
+            keypoints, clusters, self.rectangular
+        ):
             if case == 4 and not moved[groups[0]]:  # most; tested at once for speed
                 continue
             members = take_clusters(clusters, groups)
-            parts.append(decide_case(case, keypoints[spots], members, evidence, self.rectangular))
+            parts.append(
+                decide_case(case, keypoints[spots], members, evidence, self.rectangular)
+            )
         return _table(np.concatenate(parts), view.gray, frame)
 
 
 @dataclass(frozen=True)
 class Planar:
-    """Find particles in pictures alone, for recordings without depth (sections 2.2.2, 2.2.3).
+    """Find particles in pictures alone, for recordings without depth (sections 2.2.2,
+    2.2.3).
 
     No frame difference is asked for, so particles that rest are found, too.
 
@@ -319,20 +363,25 @@ class Planar:
     detector
         Finds particles in the foreground.
     size_px
-        Diameter of the particles. Only discs of half to twice this size are kept, and of two
-        that are nearer than half of it the stronger one. None: all sizes, 1 px apart.
+        Diameter of the particles. Only discs of half to twice this size are kept, and
+        of two that are nearer than half of it the stronger one. None: all sizes, 1 px
+        apart.
     """
 
     detector: DoG | Otsu = field(default_factory=DoG)
     size_px: float | None = None
 
-    def __call__(self, view: View, roi: Polygon | None = None, frame: int = 0) -> pd.DataFrame:
+    def __call__(
+        self, view: View, roi: Polygon | None = None, frame: int = 0
+    ) -> pd.DataFrame:
         """Return the particles of a frame (`kilnflight.tables.DETECTIONS`), ``case`` 0.
 
-        ``roi`` are corners (row, col) of a polygon in px; particles outside are left out.
+        ``roi`` are corners (row, col) of a polygon in px; particles outside are left
+        out.
         """
         if isinstance(self.detector, DoG):  # which may find one spot in two octaves
-            spots, size = self.detector.graded(view.foreground, roi), self.size_px
+            spots = self.detector.graded(view.foreground, roi)
+            size = self.size_px
             if size:
                 spots = spots[np.abs(np.log(spots[:, 2] / (size / 2))) < np.log(2)]
             spots = _strongest(spots, (size or 2.0) / 2)
@@ -340,12 +389,14 @@ class Planar:
             spots = self.detector(view.foreground, roi)
         if roi is not None:
             spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
-        unknown, none = np.full((len(spots), 3), np.nan), np.zeros((len(spots), 2))
+        unknown = np.full((len(spots), 3), np.nan)
+        none = np.zeros((len(spots), 2))
         return _table(np.column_stack([spots, unknown, none]), view.gray, frame)
 
 
 def _strongest(graded: Array, apart: float) -> Array:
-    """Return row, col and radius (k, 3) of the spots (n, 4) without a stronger one near by.
+    """Return row, col and radius (k, 3) of the spots (n, 4) without a stronger one near
+    by.
 
     The last column of ``graded`` is the strength; near is below ``apart`` px.
     """
@@ -359,17 +410,23 @@ def _strongest(graded: Array, apart: float) -> Array:
 def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
     """Return `DETECTIONS` of one frame from rows (n, 8) of `_COLUMNS`."""
     columns = dict(zip(_COLUMNS, values.T, strict=True))
-    columns |= {"frame": np.full(len(values), frame), "gray": mean_gray(gray, values[:, :3])}
-    return pd.DataFrame({c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns})
+    columns |= {
+        "frame": np.full(len(values), frame),
+        "gray": mean_gray(gray, values[:, :3]),
+    }
+    return pd.DataFrame(
+        {c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns}
+    )
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     """Return the cluster (n,) of each point without the wall; wall and noise are -1.
 
-    ``xyz`` (n, 3) is in mm. The first pass, ``wall``, finds the wall as its largest cluster; the
-    second, ``clusterer``, takes the other points.
+    ``xyz`` (n, 3) is in mm. The first pass, ``wall``, finds the wall as its largest
+    cluster; the second, ``clusterer``, takes the other points.
     """
-    first, labels = wall(xyz), np.full(len(xyz), -1, dtype=np.intp)
+    first = wall(xyz)
+    labels = np.full(len(xyz), -1, dtype=np.intp)
     sizes = np.append(np.bincount(first + 1)[1:], 0)  # of clusters; 0: none at all
     off_wall = first != sizes.argmax()
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
@@ -377,18 +434,24 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
 
 
 def decide_case(
-    case: int, spots: Array, clusters: Clusters, evidence: Evidence, rectangular: bool = True
+    case: int,
+    spots: Array,
+    clusters: Clusters,
+    evidence: Evidence,
+    rectangular: bool = True,
 ) -> Array:
     """Return the particles (k, 8) of a potential particle by its case; k may be 0.
 
-    Columns are row, column, radius in px, mean x, y, z in mm, number of points, and case.
+    Columns are row, column, radius in px, mean x, y, z in mm, number of points, and
+    case.
 
     Parameters
     ----------
     case
         1 to 5, as in the module's table.
     spots
-        (s, 3) row, column and radius in px of its keypoints; none in case 4, one in 1, 3 and 5.
+        (s, 3) row, column and radius in px of its keypoints; none in case 4, one in 1,
+        3 and 5.
     clusters
         Its clusters; none in case 5.
     evidence
@@ -396,7 +459,8 @@ def decide_case(
     rectangular
         As in `potential_particles`; case 3 looks where disc and areas overlap.
     """
-    pixels, xyz = clusters.pixels, clusters.xyz
+    pixels = clusters.pixels
+    xyz = clusters.xyz
     if case == 1:
         return _particle(spots[0], xyz, case)
     if case == 4:
@@ -404,18 +468,23 @@ def decide_case(
         return _particle(_middle(pixels), xyz, case)[: int(real)]
     if case == 5:
         row, col, radius = spots[0]
-        sides = np.array([row - radius, row + radius + 1, col - radius, col + radius + 1])
+        sides = np.array(
+            [row - radius, row + radius + 1, col - radius, col + radius + 1]
+        )
         real = evidence.real(widened(np.round(sides).astype(np.intp)))
         return _particle(spots[0], xyz, case)[: int(real)]
     area = around(pixels)
     if case == 3:
-        area = overlap(spots[0], areas_of(clusters, rectangular)[0], evidence.gray.shape)
+        area = overlap(
+            spots[0], areas_of(clusters, rectangular)[0], evidence.gray.shape
+        )
     peaks = evidence.peaks(widened(area))
     if len(peaks) < 2:
         return _particle(_middle(pixels) if case == 2 else spots[0], xyz, case)
     # Each peak is a particle of the points nearest to it.
     owner = np.argmin(((pixels[:, None] - peaks[:, :2]) ** 2).sum(axis=2), axis=1)
-    smallest, particles = spots[:, 2].min(), []
+    smallest = spots[:, 2].min()
+    particles = []
     for number, (row, col, _) in enumerate(peaks):
         mine = owner == number
         radius = max(np.sqrt(mine.sum() / np.pi), smallest)
@@ -426,8 +495,8 @@ def decide_case(
 def _particle(spot: Sequence[float], xyz: Array, case: int) -> Array:
     """Return the row (1, 8) of one particle, columns as in `decide_case`.
 
-    ``spot`` is row, column and radius in px; ``xyz`` (n, 3) are its points in mm. Without points
-    x, y, z are NaN.
+    ``spot`` is row, column and radius in px; ``xyz`` (n, 3) are its points in mm.
+    Without points x, y, z are NaN.
     """
     place = xyz.mean(axis=0) if len(xyz) else np.full(3, np.nan)
     return np.array([[*spot, *place, len(xyz), case]])
@@ -441,7 +510,8 @@ def _middle(pixels: Index) -> tuple[float, float, float]:
 
 def around(pixels: Index) -> Index:
     """Return first row, end row, first col and end col (4,) of pixels (n, 2)."""
-    low, high = pixels.min(axis=0), pixels.max(axis=0) + 1
+    low = pixels.min(axis=0)
+    high = pixels.max(axis=0) + 1
     return np.array([low[0], high[0], low[1], high[1]])
 
 

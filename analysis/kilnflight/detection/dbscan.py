@@ -1,9 +1,9 @@
 """Density-based clusters of a point cloud (thesis, section 2.2.4).
 
-Points are sorted into cubic cells, so that neighbours are found in adjacent cells only. Cells are
-numbered along z, then y, then x, with empty cells after each row and each layer. So a cell and
-those within a few steps along z have consecutive numbers, in any row around. The occupied ones are
-consecutive entries of `_Cells.keys`.
+Points are sorted into cubic cells, so that neighbours are found in adjacent cells only.
+Cells are numbered along z, then y, then x, with empty cells after each row and each
+layer. So a cell and those within a few steps along z have consecutive numbers, in any
+row around. The occupied ones are consecutive entries of `_Cells.keys`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from kilnflight.arrays import Array, Flags, Index, Whole
 from kilnflight.checks import InputError, check_finite, check_number
 
 NOISE = -1
-_LARGEST = 2_000_000  # cells per axis whose numbers fit 63 bits and whose borders stay exact
+_LARGEST = (
+    2_000_000  # cells per axis whose numbers fit 63 bits and whose borders stay exact
+)
 _BITS = 13  # of a key per pass of the radix sort
 _REACH = 2  # cells between points that are within eps
 
@@ -28,8 +30,8 @@ _REACH = 2  # cells between points that are within eps
 def check_points_mm(points: npt.ArrayLike, where: str) -> Array:
     """Return points (n, 3) in mm as contiguous float64.
 
-    An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or as far as
-    1e100 mm, raise an `InputError`; ``where`` begins its message.
+    An empty list becomes (0, 3). Other shapes, and coordinates that are not finite or
+    as far as 1e100 mm, raise an `InputError`; ``where`` begins its message.
     """
     return check_finite(points, where, (None, 3))
 
@@ -38,9 +40,9 @@ def check_points_mm(points: npt.ArrayLike, where: str) -> Array:
 class DBSCAN:
     """Cluster points that reach each other through core points.
 
-    A core point has at least ``min_points`` points, itself included, within ``eps``. Core
-    points within ``eps`` of each other share a cluster. Another point within ``eps`` of a
-    core point is a border point of its cluster; the rest is noise.
+    A core point has at least ``min_points`` points, itself included, within ``eps``.
+    Core points within ``eps`` of each other share a cluster. Another point within
+    ``eps`` of a core point is a border point of its cluster; the rest is noise.
 
     Parameters
     ----------
@@ -56,14 +58,16 @@ class DBSCAN:
 
     Notes
     -----
-    The thesis asks for "more than minPts" points, the query point among them. But it also calls a
-    point core when the distance to its minPts-th neighbour, itself included, is at most eps. The
-    second is Ester's and scikit-learn's definition and is taken. A border point of several
-    clusters goes to the first of them, in the order of the points.
+    The thesis asks for "more than minPts" points, the query point among them. But it
+    also calls a point core when the distance to its minPts-th neighbour, itself
+    included, is at most eps. The second is Ester's and scikit-learn's definition and is
+    taken. A border point of several clusters goes to the first of them, in the order of
+    the points.
 
-    Section 5.1.3 removes the kiln's wall by a pass of its own, "with the highest precision",
-    minPts 10 and eps 50 mm. By Table 5.8 the most precise set is 15 and 70 mm. The second
-    pass takes 10 and 15 mm. Sources: section 2.2.4 and Table 5.8, thesis.
+    Section 5.1.3 removes the kiln's wall by a pass of its own, "with the highest
+    precision", minPts 10 and eps 50 mm. By Table 5.8 the most precise set is 15 and 70
+    mm. The second pass takes 10 and 15 mm. Sources: section 2.2.4 and Table 5.8,
+    thesis.
     """
 
     eps: float = 50.0  # mm, best F1 of Table 5.8
@@ -86,12 +90,13 @@ class DBSCAN:
         cloud = check_points_mm(points, "DBSCAN: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
-        # Two points of one cell are within eps; two within eps are at most two cells apart.
-        # The small margin keeps both true after rounding.
+        # Two points of one cell are within eps; two within eps are at most two cells
+        # apart. The small margin keeps both true after rounding.
         cells = _sort_into_cells(cloud, self.eps / np.sqrt(3.0) * (1 - 1e-8))
         limit = float(self.eps * self.eps)
         core = _core_points(cells, limit, int(self.min_points))
-        inner, labels = _only(cells, core), np.full(len(cloud), NOISE, np.intp)
+        inner = _only(cells, core)
+        labels = np.full(len(cloud), NOISE, np.intp)
         roots = _connected_cells(inner, limit)
         labels[inner.order] = np.repeat(roots, np.diff(inner.starts))
         _add_borders(cells, inner, _number_clusters(roots, labels), limit, labels)
@@ -101,9 +106,9 @@ class DBSCAN:
 def k_distances(points: npt.ArrayLike, k: int = 6) -> Array:
     """Return the distances of all points to their k-th neighbours in mm, descending.
 
-    Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the first, as
-    in section 2.2.4. At ``k = min_points`` the points whose distance is at most eps are the core
-    points of `DBSCAN`.
+    Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the
+    first, as in section 2.2.4. At ``k = min_points`` the points whose distance is at
+    most eps are the core points of `DBSCAN`.
 
     Parameters
     ----------
@@ -115,7 +120,8 @@ def k_distances(points: npt.ArrayLike, k: int = 6) -> Array:
     Raises
     ------
     InputError
-        If the points are not (n, 3) finite numbers or there are fewer than ``k`` of them.
+        If the points are not (n, 3) finite numbers or there are fewer than ``k`` of
+        them.
     """
     cloud = check_points_mm(points, "k-distances: points")
     check_number(k, "k-distances: k", least=1, most=len(cloud) or np.inf, whole=True)
@@ -137,8 +143,9 @@ class _Cells(NamedTuple):
     starts
         (m + 1,) index in ``points`` of each occupied cell's first point; last, n.
     steps
-        (25,) differences from the number of a cell to that of the cell at the same z in another
-        row. The rows are the 5 x 5 within `_REACH`: first its own, then the 8 adjacent ones.
+        (25,) differences from the number of a cell to that of the cell at the same z in
+        another row. The rows are the 5 x 5 within `_REACH`: first its own, then the 8
+        adjacent ones.
     """
 
     order: Whole
@@ -151,19 +158,26 @@ class _Cells(NamedTuple):
 def _sort_into_cells(points: Array, side: float) -> _Cells:
     """Return points (n, 3) sorted into cubic cells; ``side`` is a cell's in mm.
 
-    Cells are counted from the smallest x, y and z. After each row and each layer `_REACH` cells
-    stay empty, so that a step beyond an end meets no cell of the next one.
+    Cells are counted from the smallest x, y and z. After each row and each layer
+    `_REACH` cells stay empty, so that a step beyond an end meets no cell of the next
+    one.
     """
     # each axis for itself: along narrow rows numpy is slow
-    low, high = (np.array([edge(axis) for axis in points.T]) for edge in (np.min, np.max))
+    low, high = (
+        np.array([edge(axis) for axis in points.T]) for edge in (np.min, np.max)
+    )
     if not (high - low).max() <= side * _LARGEST:
         raise InputError(
-            f"DBSCAN: points: a cloud of {(high - low).max():.3g} mm has more than {_LARGEST} "
-            f"cells of {side:.3g} mm along an axis. Remove far points or enlarge eps."
+            f"DBSCAN: points: a cloud of {(high - low).max():.3g} mm has more than "
+            f"{_LARGEST} cells of {side:.3g} mm along an axis. Remove far points or "
+            "enlarge eps."
         )
     along = ((high - low) / side).astype(np.int64) + 1 + _REACH
-    row, layer = int(along[2]), int(along[1] * along[2])
-    keys, order = _radix_sort(_number(points, low, side, layer, row), layer * int(along[0]))
+    row = int(along[2])
+    layer = int(along[1] * along[2])
+    keys, order = _radix_sort(
+        _number(points, low, side, layer, row), layer * int(along[0])
+    )
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()
@@ -176,8 +190,9 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
 def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
     """Return the number (n,) of each point's cell, int64.
 
-    ``points`` (n, 3), their smallest coordinates ``low`` (3,) and ``side`` are in mm. ``layer`` and
-    ``row`` are the numbers of cells of one layer and of one row, empty ones included.
+    ``points`` (n, 3), their smallest coordinates ``low`` (3,) and ``side`` are in mm.
+    ``layer`` and ``row`` are the numbers of cells of one layer and of one row, empty
+    ones included.
     """
     keys = np.empty(len(points), np.int64)
     for i in range(len(points)):
@@ -191,8 +206,10 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
 def _radix_sort(keys: Any, bound: int) -> Any:
     """Return keys (n,) in [0, bound] sorted, and their stable order (n,), both int64."""
     order = np.arange(len(keys))
-    other_order, other_keys = np.empty_like(order), np.empty_like(keys)
-    shift, mask = 0, (1 << _BITS) - 1
+    other_order = np.empty_like(order)
+    other_keys = np.empty_like(keys)
+    shift = 0
+    mask = (1 << _BITS) - 1
     while bound >> shift:
         places = np.zeros(mask + 2, np.int64)
         for i in range(len(keys)):
@@ -200,7 +217,8 @@ def _radix_sort(keys: Any, bound: int) -> Any:
         places = np.cumsum(places)
         for i in range(len(keys)):
             digit = (keys[i] >> shift) & mask
-            place, places[digit] = places[digit], places[digit] + 1
+            place = places[digit]
+            places[digit] = places[digit] + 1
             other_keys[place] = keys[i]
             other_order[place] = order[i]
         keys, other_keys, order, other_order = other_keys, keys, other_order, order
@@ -233,10 +251,11 @@ def _root(parents: Any, member: int) -> int:
 
 @njit(cache=True)
 def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> bool:
-    """Return whether one of the points (n, 3) is within eps of a box; ``limit`` is eps^2.
+    """Return whether one of the points (n, 3) is within eps of a box; ``limit`` is
+    eps^2.
 
-    The box is from ``low[b]`` to ``high[b]``, (m, 3) in mm; of a point both are the same. The gap
-    to a box is never larger than to a point in it, after rounding, too.
+    The box is from ``low[b]`` to ``high[b]``, (m, 3) in mm; of a point both are the
+    same. The gap to a box is never larger than to a point in it, after rounding, too.
     """
     x = max(low[b, 0] - points[a, 0], points[a, 0] - high[b, 0], 0.0)
     y = max(low[b, 1] - points[a, 1], points[a, 1] - high[b, 1], 0.0)
@@ -248,30 +267,46 @@ def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> boo
 def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
     """Return whether each of ``cells.points`` is a core point, (n,).
 
-    ``limit`` is eps^2 in mm^2. A cell with ``min_points`` points has core points only, as any two
-    of its points are within eps. The cells within reach in one row are consecutive in the order
-    of the points. The nearest rows decide most points, so that the others are not read.
+    ``limit`` is eps^2 in mm^2. A cell with ``min_points`` points has core points only,
+    as any two of its points are within eps. The cells within reach in one row are
+    consecutive in the order of the points. The nearest rows decide most points, so that
+    the others are not read.
     """
-    keys, starts, steps = cells.keys, cells.starts, cells.steps
-    x, y, z = cells.points[:, 0].copy(), cells.points[:, 1].copy(), cells.points[:, 2].copy()
+    keys = cells.keys
+    starts = cells.starts
+    steps = cells.steps
+    x = cells.points[:, 0].copy()
+    y = cells.points[:, 1].copy()
+    z = cells.points[:, 2].copy()
     first = np.zeros(25, np.int64)
-    begin, end = np.zeros(25, np.int64), np.zeros(25, np.int64)
+    begin = np.zeros(25, np.int64)
+    end = np.zeros(25, np.int64)
     core = np.ones(len(x), np.bool_)
     for cell in range(len(keys)):
         if starts[cell + 1] - starts[cell] >= min_points:
             continue
         known = 0
         for a in range(starts[cell], starts[cell + 1]):
-            neighbours, point_x, point_y, point_z = 0, x[a], y[a], z[a]
+            neighbours = 0
+            point_x = x[a]
+            point_y = y[a]
+            point_z = z[a]
             for r in range(25):
                 if r == known:
                     first[r] = _advance(keys, first[r], keys[cell] + steps[r] - _REACH)
                     begin[r] = starts[first[r]]
-                    end[r] = starts[_advance(keys, first[r], keys[cell] + steps[r] + _REACH + 1)]
+                    end[r] = starts[
+                        _advance(keys, first[r], keys[cell] + steps[r] + _REACH + 1)
+                    ]
                     known += 1
                 for b in range(begin[r], end[r]):
-                    along_x, along_y, along_z = point_x - x[b], point_y - y[b], point_z - z[b]
-                    neighbours += along_x * along_x + along_y * along_y + along_z * along_z <= limit
+                    along_x = point_x - x[b]
+                    along_y = point_y - y[b]
+                    along_z = point_z - z[b]
+                    neighbours += (
+                        along_x * along_x + along_y * along_y + along_z * along_z
+                        <= limit
+                    )
                     if neighbours >= min_points:
                         break
                 if neighbours >= min_points:
@@ -281,7 +316,9 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
 
 
 def _only(cells: _Cells, core: Flags) -> _Cells:
-    """Return the core points, marked by ``core`` (n,), in their cells; no cell is empty."""
+    """Return the core points, marked by ``core`` (n,), in their cells; no cell is
+    empty.
+    """
     sizes = np.add.reduceat(core, cells.starts[:-1], dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes[sizes > 0])])
     points = cells.points.compress(core, axis=0)
@@ -290,8 +327,11 @@ def _only(cells: _Cells, core: Flags) -> _Cells:
 
 @njit(cache=True)
 def _boxes(cells: _Cells) -> Any:
-    """Return the smallest x, y, z of each cell's points and the largest, both (m, 3) in mm."""
-    low, high = np.full((len(cells.keys), 3), np.inf), np.full((len(cells.keys), 3), -np.inf)
+    """Return the smallest x, y, z of each cell's points and the largest, both (m, 3) in
+    mm.
+    """
+    low = np.full((len(cells.keys), 3), np.inf)
+    high = np.full((len(cells.keys), 3), -np.inf)
     for cell in range(len(low)):
         for a in range(cells.starts[cell], cells.starts[cell + 1]):
             for axis in range(3):
@@ -301,11 +341,14 @@ def _boxes(cells: _Cells) -> Any:
 
 
 @njit(cache=True)
-def _touch(cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: float) -> bool:
+def _touch(
+    cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: float
+) -> bool:
     """Return whether a point of one cell is within eps of one of another cell.
 
-    ``low`` and ``high`` (m, 3) are the `_boxes` of ``cells``, ``cell`` and ``other`` are indices in
-    its keys, and ``limit`` is eps^2 in mm^2. Few points are near the other's box.
+    ``low`` and ``high`` (m, 3) are the `_boxes` of ``cells``, ``cell`` and ``other``
+    are indices in its keys, and ``limit`` is eps^2 in mm^2. Few points are near the
+    other's box.
     """
     for a in range(cells.starts[cell], cells.starts[cell + 1]):
         if _near(cells.points, a, low, high, other, limit):
@@ -319,8 +362,9 @@ def _touch(cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: flo
 def _connected_cells(cells: _Cells, limit: float) -> Any:
     """Return the first cell (m,) of each cell's cluster, an index in ``cells.keys``.
 
-    Cells, of core points only, are connected where points are within eps; ``limit`` is eps^2 in
-    mm^2. Adjacent cells come first, so that most cells two steps apart are connected already.
+    Cells, of core points only, are connected where points are within eps; ``limit`` is
+    eps^2 in mm^2. Adjacent cells come first, so that most cells two steps apart are
+    connected already.
     """
     keys, steps, parents = cells.keys, cells.steps, np.arange(len(cells.keys))
     lowest, highest = _boxes(cells)
@@ -332,10 +376,17 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
                     continue  # the other cell finds this one
                 low = max(keys[cell] + steps[r] - reach, keys[cell] + 1)
                 first[r] = other = _advance(keys, first[r], low)
-                while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
-                    if parents[cell] != parents[other]:  # most have one parent, then one root
-                        root, its = _root(parents, cell), _root(parents, other)
-                        if root != its and _touch(cells, lowest, highest, cell, other, limit):
+                while (
+                    other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach
+                ):
+                    if (
+                        parents[cell] != parents[other]
+                    ):  # most have one parent, then one root
+                        root = _root(parents, cell)
+                        its = _root(parents, other)
+                        if root != its and _touch(
+                            cells, lowest, highest, cell, other, limit
+                        ):
                             parents[max(root, its)] = min(root, its)
                     other += 1
         for cell in range(len(keys)):
@@ -345,12 +396,15 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
 
 @njit(cache=True)
 def _number_clusters(roots: Any, labels: Any) -> Any:
-    """Change ``labels`` (n,) into numbers of clusters; return those of their cells (m,).
+    """Change ``labels`` (n,) into numbers of clusters; return those of their cells
+    (m,).
 
-    Labels are in the order of the caller's cloud: before, the ``roots`` (m,) of `_connected_cells`,
-    or `NOISE`. The cluster of the first core point has the first number.
+    Labels are in the order of the caller's cloud: before, the ``roots`` (m,) of
+    `_connected_cells`, or `NOISE`. The cluster of the first core point has the first
+    number.
     """
-    numbers, count = np.full(len(roots), NOISE), 0
+    numbers = np.full(len(roots), NOISE)
+    count = 0
     for i in range(len(labels)):
         if labels[i] != NOISE:
             if numbers[labels[i]] == NOISE:
@@ -361,14 +415,18 @@ def _number_clusters(roots: Any, labels: Any) -> Any:
 
 
 @njit(cache=True)
-def _add_borders(cells: _Cells, inner: _Cells, numbers: Any, limit: float, labels: Any) -> None:
+def _add_borders(
+    cells: _Cells, inner: _Cells, numbers: Any, limit: float, labels: Any
+) -> None:
     """Write the clusters of border points into ``labels`` (n,), in place.
 
-    Labels are in the order of the caller's cloud; core points have theirs. ``inner`` are those of
-    ``cells`` with core points, of these only, and ``numbers`` (m,) their clusters. ``limit`` is
-    eps^2 in mm^2. The lowest of several clusters is taken.
+    Labels are in the order of the caller's cloud; core points have theirs. ``inner``
+    are those of ``cells`` with core points, of these only, and ``numbers`` (m,) their
+    clusters. ``limit`` is eps^2 in mm^2. The lowest of several clusters is taken.
     """
-    keys, starts, steps = inner.keys, inner.starts, inner.steps
+    keys = inner.keys
+    starts = inner.starts
+    steps = inner.steps
     first = np.zeros(25, np.int64)
     for cell in range(len(cells.keys)):
         for a in range(cells.starts[cell], cells.starts[cell + 1]):
@@ -376,12 +434,18 @@ def _add_borders(cells: _Cells, inner: _Cells, numbers: Any, limit: float, label
                 continue
             best = NOISE
             for r in range(25):
-                first[r] = _advance(keys, first[r], cells.keys[cell] + steps[r] - _REACH)
-                last = _advance(keys, first[r], cells.keys[cell] + steps[r] + _REACH + 1)
+                first[r] = _advance(
+                    keys, first[r], cells.keys[cell] + steps[r] - _REACH
+                )
+                last = _advance(
+                    keys, first[r], cells.keys[cell] + steps[r] + _REACH + 1
+                )
                 for other in range(first[r], last):
                     if best == NOISE or numbers[other] < best:
                         for b in range(starts[other], starts[other + 1]):
-                            if _near(cells.points, a, inner.points, inner.points, b, limit):
+                            if _near(
+                                cells.points, a, inner.points, inner.points, b, limit
+                            ):
                                 best = numbers[other]
                                 break
             labels[cells.order[a]] = best

@@ -14,7 +14,8 @@ from kilnflight.arrays import Index
 from kilnflight.checks import check_number
 from kilnflight.detection.dbscan import check_points_mm
 
-# Cells up to so many steps apart share a cluster: both are dilated by one, and may touch.
+# Cells up to so many steps apart share a cluster: both are dilated by one, and may
+# touch.
 _TOUCH = 3
 
 
@@ -22,9 +23,9 @@ _TOUCH = 3
 class MorphologicalClustering:
     """Cluster points by dilating a grid of cells (Eqs 2.31 to 2.34).
 
-    Each axis of the cloud is stretched to [0, grid] and rounded, halves up (Eqs 2.32, 2.33).
-    The occupied cells are dilated by a cube of 3 x 3 x 3 cells. Cells that then touch, also at
-    edges and corners (Eq. 2.34), form a cluster. There is no noise.
+    Each axis of the cloud is stretched to [0, grid] and rounded, halves up (Eqs 2.32,
+    2.33). The occupied cells are dilated by a cube of 3 x 3 x 3 cells. Cells that then
+    touch, also at edges and corners (Eq. 2.34), form a cluster. There is no noise.
 
     Parameters
     ----------
@@ -38,21 +39,24 @@ class MorphologicalClustering:
 
     Notes
     -----
-    Readings. (1) Eq. 2.32 divides by max(p); the text of 5.1.3 wants each axis in [0, 1], so the
-    extent max(p) - min(p) divides. (2) Section 2.2.5 stops at "the number of clusters", which is
-    not known before; 5.1.3 stops when the number of domains "remains unchanged". Some of hundreds
-    of domains always merge, so that rule leaves a frame a few clusters, where Table 5.9 counts 52
-    to 287 per image. One dilation is the least that the method has. (3) Section 5.1.3 names no
-    rule of sizes, so Eqs 2.35 and 2.36 are not applied.
+    Readings. (1) Eq. 2.32 divides by max(p); the text of 5.1.3 wants each axis in [0,
+    1], so the extent max(p) - min(p) divides. (2) Section 2.2.5 stops at "the number of
+    clusters", which is not known before; 5.1.3 stops when the number of domains
+    "remains unchanged". Some of hundreds of domains always merge, so that rule leaves a
+    frame a few clusters, where Table 5.9 counts 52 to 287 per image. One dilation is
+    the least that the method has. (3) Section 5.1.3 names no rule of sizes, so Eqs 2.35
+    and 2.36 are not applied.
 
-    For the combined method, section 5.1.3 removes the wall with R = 100 and takes R = 400
-    for the rest. Sources: section 2.2.5 and Table 5.9, thesis.
+    For the combined method, section 5.1.3 removes the wall with R = 100 and takes R =
+    400 for the rest. Sources: section 2.2.5 and Table 5.9, thesis.
     """
 
     grid: int = 150  # steps, best F1 of Table 5.9
 
     def __post_init__(self) -> None:
-        check_number(self.grid, "MorphologicalClustering: grid", least=1, most=1e6, whole=True)
+        check_number(
+            self.grid, "MorphologicalClustering: grid", least=1, most=1e6, whole=True
+        )
 
     def __call__(self, points: npt.ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm.
@@ -68,9 +72,14 @@ class MorphologicalClustering:
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
         # each axis for itself: along narrow rows numpy is slow
-        low, high = (np.array([edge(axis) for axis in cloud.T]) for edge in (np.min, np.max))
-        stretched = self.grid * ((cloud - low) / np.where(high > low, high - low, 1.0))  # Eq. 2.32
-        # As many cells stay empty after each row and layer, so that no step leads into the next.
+        low, high = (
+            np.array([edge(axis) for axis in cloud.T]) for edge in (np.min, np.max)
+        )
+        stretched = self.grid * (
+            (cloud - low) / np.where(high > low, high - low, 1.0)
+        )  # Eq. 2.32
+        # As many cells stay empty after each row and layer, so that no step leads into
+        # the next.
         side = int(self.grid) + 1 + _TOUCH
         keys = np.floor(stretched + 0.5).astype(np.int64) @ np.array([side**2, side, 1])
         occupied, cell = np.unique(keys, return_inverse=True)
@@ -80,14 +89,18 @@ class MorphologicalClustering:
 def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
     """Return the cluster (m,) of each occupied cell.
 
-    ``keys`` (m,) are the numbers of the cells, ascending: x side^2 + y side + z. ``side`` counts
-    the cells along an axis, the `_TOUCH` empty ones included. Cells within `_TOUCH` steps of
-    another in one row are consecutive. Linking the first and the last of them suffices: they span
-    twice `_TOUCH` steps, so at most one gap between them is wider than `_TOUCH`.
+    ``keys`` (m,) are the numbers of the cells, ascending: x side^2 + y side + z.
+    ``side`` counts the cells along an axis, the `_TOUCH` empty ones included. Cells
+    within `_TOUCH` steps of another in one row are consecutive. Linking the first and
+    the last of them suffices: they span twice `_TOUCH` steps, so at most one gap
+    between them is wider than `_TOUCH`.
     """
     around = np.arange(-_TOUCH, _TOUCH + 1)
-    steps = np.add.outer(around * side, around).ravel() * side  # to the rows within reach
-    cells, pairs = np.arange(len(keys)), []
+    steps = (
+        np.add.outer(around * side, around).ravel() * side
+    )  # to the rows within reach
+    cells = np.arange(len(keys))
+    pairs = []
     for step in steps[steps >= 0]:
         first = np.searchsorted(keys, keys + (step - _TOUCH))
         last = np.searchsorted(keys, keys + (step + _TOUCH), side="right") - 1

@@ -15,7 +15,9 @@ from kilnflight.checks import InputError, check_number, check_shape, real_number
 
 _LARGEST = 1e9  # far beyond any grey value, and safe in float32
 _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
-SMALLEST_PX = 5  # a pixel and its four neighbours, the smallest region with an inside; ours
+SMALLEST_PX = (
+    5  # a pixel and its four neighbours, the smallest region with an inside; ours
+)
 
 
 def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
@@ -26,14 +28,19 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     Raises
     ------
     InputError
-        If it is not 2D, holds no integers or floats, or a float is not finite or above 1e9.
+        If it is not 2D, holds no integers or floats, or a float is not finite or above
+        1e9.
     """
     image = real_numbers(foreground, f"{where}: foreground (rows, cols)")
     check_shape(image, (None, None), f"{where}: foreground (rows, cols)")
     # numba reads neither foreign byte orders nor half floats
     half = image.dtype == np.float16
-    image = image.astype(np.float32 if half else image.dtype.newbyteorder("="), copy=False)
-    least, most = (image.min(), image.max()) if image.size else (0, 0)  # NaN if a value is
+    image = image.astype(
+        np.float32 if half else image.dtype.newbyteorder("="), copy=False
+    )
+    least, most = (
+        (image.min(), image.max()) if image.size else (0, 0)
+    )  # NaN if a value is
     if image.dtype.kind == "f" and not -_LARGEST < least <= most < _LARGEST:
         row, col = np.argwhere(~(np.abs(image) < _LARGEST))[0].tolist()
         raise InputError(
@@ -46,8 +53,8 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
 def otsu_threshold(values: npt.ArrayLike) -> int:
     """Return the grey level with the largest variance between classes (Eq. 2.19).
 
-    Values above it are foreground, values up to it background (Eqs 2.11 and 2.12). `Otsu` and
-    `flame_mask` use it.
+    Values above it are foreground, values up to it background (Eqs 2.11 and 2.12).
+    `Otsu` and `flame_mask` use it.
 
     Parameters
     ----------
@@ -57,8 +64,8 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
     Returns
     -------
     int
-        The threshold. Ties go to the lowest level: for two separate modes, the highest level
-        of the lower one. If all values are equal, that value.
+        The threshold. Ties go to the lowest level: for two separate modes, the highest
+        level of the lower one. If all values are equal, that value.
 
     Raises
     ------
@@ -67,19 +74,24 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
 
     Notes
     -----
-    The criterion does not depend on an offset, so levels are counted from the smallest value.
-    `skimage.filters.threshold_otsu` sums in float32, which moves the threshold of a flame by
-    some levels. Here Eq. 2.19 is evaluated in float64.
+    The criterion does not depend on an offset, so levels are counted from the smallest
+    value. `skimage.filters.threshold_otsu` sums in float32, which moves the threshold
+    of a flame by some levels. Here Eq. 2.19 is evaluated in float64.
 
     Examples
     --------
     >>> otsu_threshold(np.array([3, 3, 4, 900, 901], dtype=np.uint16))
     4
     """
-    levels = _rounded(check_foreground(np.reshape(values, (1, -1)), "otsu_threshold: values")[0])
+    levels = _rounded(
+        check_foreground(np.reshape(values, (1, -1)), "otsu_threshold: values")[0]
+    )
     if levels.size == 0:
-        raise InputError("otsu_threshold: there are no values; pass at least one pixel.")
-    low, high = int(levels.min()), int(levels.max())
+        raise InputError(
+            "otsu_threshold: there are no values; pass at least one pixel."
+        )
+    low = int(levels.min())
+    high = int(levels.max())
     check_number(high - low, "otsu_threshold: range of the values", below=_LEVELS)
     if low == high:
         return low
@@ -88,14 +100,16 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
 
 
 def _rounded(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return image if image.dtype.kind in "ui" else np.rint(image)  # halves go to the even
+    return (
+        image if image.dtype.kind in "ui" else np.rint(image)
+    )  # halves go to the even
 
 
 def _criterion(counts: Integers) -> Array:
     """Return the share eta(k) of the variance between the classes (Eqs 2.19, 2.20).
 
-    ``counts`` (L,) is the histogram of grey levels; the first and the last must not be 0. There
-    is one value for each level k but the last, (L - 1,).
+    ``counts`` (L,) is the histogram of grey levels; the first and the last must not be
+    0. There is one value for each level k but the last, (L - 1,).
     """
     level = np.arange(len(counts), dtype=np.float64)
     p = counts / counts.sum()
@@ -117,9 +131,9 @@ class Otsu:
 
     Notes
     -----
-    "No parameters require to be defined" (section 5.1.3). The thesis does not say how pixels
-    above the threshold become particles. Here a region of pixels that touch, corners included,
-    is one particle; regions below `SMALLEST_PX` are noise.
+    "No parameters require to be defined" (section 5.1.3). The thesis does not say how
+    pixels above the threshold become particles. Here a region of pixels that touch,
+    corners included, is one particle; regions below `SMALLEST_PX` are noise.
     """
 
     least: float = 0.0
@@ -130,8 +144,8 @@ class Otsu:
         Parameters
         ----------
         foreground
-            (rows, cols) grey values: integers that span up to 16 bits, or floats, which are
-            rounded.
+            (rows, cols) grey values: integers that span up to 16 bits, or floats, which
+            are rounded.
         _within
             Accepted as by `DoG` and ignored: the threshold depends on every pixel.
 
@@ -144,8 +158,8 @@ class Otsu:
         Raises
         ------
         InputError
-            If the foreground is not 2D, not of numbers or not finite, or spans more than
-            16 bits.
+            If the foreground is not 2D, not of numbers or not finite, or spans more
+            than 16 bits.
         """
         image = check_foreground(foreground, "Otsu")
         if image.size == 0:
@@ -162,7 +176,8 @@ class Otsu:
 
 
 def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
-    """Return the pixels (rows, cols) of the burner's flame (Fig. 3.4), which detection leaves out.
+    """Return the pixels (rows, cols) of the burner's flame (Fig. 3.4), which detection
+    leaves out.
 
     They are the largest region above Otsu's threshold of a rectangle.
 
@@ -180,8 +195,9 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
 
     Notes
     -----
-    Section 3.1 and Fig. 3.4 segment *the* flame: one region of pixels that touch, corners included,
-    within the rectangle. Particles apart from it stay. A rectangle of one grey value has no flame.
+    Section 3.1 and Fig. 3.4 segment *the* flame: one region of pixels that touch,
+    corners included, within the rectangle. Particles apart from it stay. A rectangle of
+    one grey value has no flame.
     """
     top, bottom, left, right = rectangle
     if not (0 <= top < bottom <= gray.shape[0] and 0 <= left < right <= gray.shape[1]):
@@ -189,7 +205,8 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
             f"flame_mask: rectangle {rectangle} is not inside the image of "
             f"{gray.shape[0]} x {gray.shape[1]}; give row0 < row1 and col0 < col1."
         )
-    flame, part = np.zeros(gray.shape, dtype=bool), gray[top:bottom, left:right]
+    flame = np.zeros(gray.shape, dtype=bool)
+    part = gray[top:bottom, left:right]
     above = part > otsu_threshold(part)
     _, regions = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)
     if above.any():

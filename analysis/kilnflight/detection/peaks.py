@@ -1,13 +1,15 @@
 """Local grey-value peaks in small areas of an image.
 
-The combined detector decides its five cases by counting local peaks (thesis, chapter 3.1); the
-thesis does not define one. Here a peak stands out by a given prominence from the saddle to any
-higher peak, and the highest peak from the median of the area's border. A peak lies inside the
-area: the highest pixel of the border belongs to something outside.
+The combined detector decides its five cases by counting local peaks (thesis, chapter
+3.1); the thesis does not define one. Here a peak stands out by a given prominence from
+the saddle to any higher peak, and the highest peak from the median of the area's
+border. A peak lies inside the area: the highest pixel of the border belongs to
+something outside.
 
-The thesis looks for peaks or troughs in the frame and in the absolute difference to the frame
-before. Here both pictures are smoothed a little, and a peak must stand out from the noise. The
-noise is measured in the frame itself, so nothing depends on the exposure.
+The thesis looks for peaks or troughs in the frame and in the absolute difference to the
+frame before. Here both pictures are smoothed a little, and a peak must stand out from
+the noise. The noise is measured in the frame itself, so nothing depends on the
+exposure.
 """
 
 from collections.abc import Callable
@@ -20,7 +22,9 @@ import numpy as np
 from kilnflight.arrays import Array, Flags, Integers, Single, Whole
 
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
-SMOOTHING_PX = 1.0  # standard deviation of the Gaussian; smaller than any visible particle
+SMOOTHING_PX = (
+    1.0  # standard deviation of the Gaussian; smaller than any visible particle
+)
 _SAMPLES = 140_000  # pixels that measure the noise, to 0.3 % of it
 _ROUNDING = 0.5  # grey values; the least noise, left by rounding to whole ones
 
@@ -40,8 +44,8 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
 
     Notes
     -----
-    An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among equal
-    pixels the first in row order counts as the higher one.
+    An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among
+    equal pixels the first in row order counts as the higher one.
     """
     peaks = _area_peaks(_part(image, area), prominence)
     peaks[:, :2] += np.maximum(area[::2], 0)
@@ -52,7 +56,8 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
 def _part(image: Single, area: Integers) -> Single:
     """Return a copy (rows, cols) of an area (4,) of the image.
 
-    It is empty where there can be no peak: without inner pixels or above `LARGEST_AREA_PX`.
+    It is empty where there can be no peak: without inner pixels or above
+    `LARGEST_AREA_PX`.
     """
     top, bottom, left, right = np.maximum(area, 0)
     part = image[top:bottom, left:right]
@@ -65,39 +70,53 @@ def _part(image: Single, area: Integers) -> Single:
 def _area_peaks(area: Single, prominence: float) -> Array:
     """Return row, column and prominence (k, 3) of an area's peaks, the highest first.
 
-    The area (rows, cols) holds grey values; rows and columns count from its corner. Pixels are
-    added from high to low, each to the hills of its neighbours. Where two hills meet, the
-    prominence of the lower summit is its height above that pixel.
+    The area (rows, cols) holds grey values; rows and columns count from its corner.
+    Pixels are added from high to low, each to the hills of its neighbours. Where two
+    hills meet, the prominence of the lower summit is its height above that pixel.
     """
     height, width = area.shape
     value = area.copy().reshape(-1)
-    if not area.size or value.max() - min(value.min(), _border_median(area)) < prominence:
+    if (
+        not area.size
+        or value.max() - min(value.min(), _border_median(area)) < prominence
+    ):
         return np.empty((0, 3))  # nothing can stand out so far
     order = np.argsort(-value, kind="mergesort")
     parent = np.full(area.size, -1)  # of the hills, as disjoint sets; -1: not yet added
-    summit, height_above = np.arange(area.size), np.zeros(area.size)
+    summit = np.arange(area.size)
+    height_above = np.zeros(area.size)
     for pixel in order:
-        row, col = pixel // width, pixel % width
+        row = pixel // width
+        col = pixel % width
         parent[pixel] = pixel
         for i in range(max(row - 1, 0), min(row + 2, height)):
             for j in range(max(col - 1, 0), min(col + 2, width)):
                 if parent[i * width + j] < 0:
                     continue
-                first, second = _root(parent, pixel), _root(parent, i * width + j)
+                first = _root(parent, pixel)
+                second = _root(parent, i * width + j)
                 if first == second:
                     continue
-                low, high = summit[first], summit[second]
-                if value[low] > value[high] or (value[low] == value[high] and low < high):
+                low = summit[first]
+                high = summit[second]
+                if value[low] > value[high] or (
+                    value[low] == value[high] and low < high
+                ):
                     low, high = high, low
                 height_above[low] = value[low] - value[pixel]
                 parent[first] = second
                 summit[second] = high
     height_above[order[0]] = value[order[0]] - _border_median(area)
     relief = height_above.reshape(height, width)
-    relief[0], relief[-1], relief[:, 0], relief[:, -1] = 0.0, 0.0, 0.0, 0.0
+    relief[0] = 0.0
+    relief[-1] = 0.0
+    relief[:, 0] = 0.0
+    relief[:, -1] = 0.0
     kept = order[height_above[order] >= prominence]
     peaks = np.empty((len(kept), 3))
-    peaks[:, 0], peaks[:, 1], peaks[:, 2] = kept // width, kept % width, height_above[kept]
+    peaks[:, 0] = kept // width
+    peaks[:, 1] = kept % width
+    peaks[:, 2] = height_above[kept]
     return peaks
 
 
@@ -126,14 +145,16 @@ def _has_peak(area: Single, prominence: float) -> bool:
     if not area.size:
         return False
     least, highest = _extremes(area)
-    most, border = highest.max(), _border_median(area)
+    most = highest.max()
+    border = _border_median(area)
     if most - min(least, border) < prominence:
         return False
     height, width = area.shape
     top, left = divmod(area.argmax(), width)  # of equal ones the first
     if most - border >= prominence and 0 < top < height - 1 and 0 < left < width - 1:
         return True
-    visited, stack = np.zeros(area.shape, np.int64), np.empty((area.size, 2), np.int64)
+    visited = np.zeros(area.shape, np.int64)
+    stack = np.empty((area.size, 2), np.int64)
     for row in range(1, height - 1):
         if highest[row] - least < prominence:
             continue
@@ -150,41 +171,55 @@ def _has_peak(area: Single, prominence: float) -> bool:
 
 @numba.njit(cache=True)
 def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each area (n, 4) has a peak in the absolute difference of two pictures.
+    """Return whether each area (n, 4) has a peak in the absolute difference of two
+    pictures.
 
-    Both are (rows, cols), ``prominence`` is in grey values. Compiled: some hundred areas of a frame
-    take half of the time of a loop in Python.
+    Both are (rows, cols), ``prominence`` is in grey values. Compiled: some hundred
+    areas of a frame take half of the time of a loop in Python.
     """
     changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
     return np.array([_has_peak(change, prominence) for change in changes])
 
 
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
+@numba.njit(
+    cache=True, fastmath={"nnan", "nsz"}
+)  # several pixels at a time; none is NaN
 def _extremes(area: Single) -> tuple[float, Single]:
     """Return the lowest value of an area (rows, cols) and each row's highest (rows,)."""
-    least, highest = area[0, 0], area[:, 0].copy()
+    least = area[0, 0]
+    highest = area[:, 0].copy()
     for row in range(area.shape[0]):
-        line, low, high = area[row], area[row, 0], area[row, 0]
+        line = area[row]
+        low = area[row, 0]
+        high = area[row, 0]
         for col in range(area.shape[1]):
-            low, high = min(low, line[col]), max(high, line[col])
-        least, highest[row] = min(least, low), high
+            low = min(low, line[col])
+            high = max(high, line[col])
+        least = min(least, low)
+        highest[row] = high
     return least, highest
 
 
 @numba.njit(cache=True)
 def _stands_out(
-    area: Single, place: tuple[int, int], prominence: float, visited: Whole, stack: Whole
+    area: Single,
+    place: tuple[int, int],
+    prominence: float,
+    visited: Whole,
+    stack: Whole,
 ) -> bool:
     """Return whether no higher pixel can be reached from ``place`` without a descent.
 
-    ``place`` is row and column in the area (rows, cols); a descent is one by the prominence or
-    more. An equal pixel that comes first counts as higher. ``visited`` (rows, cols) and ``stack``
-    (pixels, 2) are scratch memory. Before the first call ``visited`` is 0; a pixel then holds the
-    number of the place that visited it last.
+    ``place`` is row and column in the area (rows, cols); a descent is one by the
+    prominence or more. An equal pixel that comes first counts as higher. ``visited``
+    (rows, cols) and ``stack`` (pixels, 2) are scratch memory. Before the first call
+    ``visited`` is 0; a pixel then holds the number of the place that visited it last.
     """
     row, col = place
-    value, mark = area[row, col], row * area.shape[1] + col
-    stack[0], count = place, 1
+    value = area[row, col]
+    mark = row * area.shape[1] + col
+    stack[0] = place
+    count = 1
     visited[row, col] = mark
     while count:
         count -= 1
@@ -206,7 +241,8 @@ def _stands_out(
 def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     """Return disc, row and column (3, m) of each pixel within a disc.
 
-    Compiled: discs of a flame cover a million pixels, for which numpy makes fifteen arrays.
+    Compiled: discs of a flame cover a million pixels, for which numpy makes fifteen
+    arrays.
 
     Parameters
     ----------
@@ -219,15 +255,20 @@ def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     """
     radius = np.maximum(discs[:, 2:], smallest)
     low = np.maximum(np.ceil(discs[:, :2] - radius), 0).astype(np.intp)
-    high = np.minimum(np.floor(discs[:, :2] + radius) + 1, np.array(shape)).astype(np.intp)
+    high = np.minimum(np.floor(discs[:, :2] + radius) + 1, np.array(shape)).astype(
+        np.intp
+    )
     sides = np.maximum(high - low, 0)
-    found, count = np.empty((3, (sides[:, 0] * sides[:, 1]).sum()), np.intp), 0
+    found = np.empty((3, (sides[:, 0] * sides[:, 1]).sum()), np.intp)
+    count = 0
     for disc in range(len(discs)):
         limit = radius[disc, 0] ** 2
         for row in range(low[disc, 0], high[disc, 0]):
             for col in range(low[disc, 1], high[disc, 1]):
                 if (row - discs[disc, 0]) ** 2 + (col - discs[disc, 1]) ** 2 <= limit:
-                    found[0, count], found[1, count], found[2, count] = disc, row, col
+                    found[0, count] = disc
+                    found[1, count] = row
+                    found[2, count] = col
                     count += 1
     return found[:, :count]
 
@@ -243,8 +284,11 @@ def smoothed(image: Integers) -> Single:
 
     Its standard deviation is `SMOOTHING_PX`; the kernel ends at four of them.
     """
-    picture, side = image.astype(np.float32), 2 * round(4 * SMOOTHING_PX) + 1
-    return np.asarray(cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture))
+    picture = image.astype(np.float32)
+    side = 2 * round(4 * SMOOTHING_PX) + 1
+    return np.asarray(
+        cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture)
+    )
 
 
 class Smoother:
@@ -268,14 +312,18 @@ class Smoother:
 class Evidence(NamedTuple):
     """Smoothed pictures of a frame, and the thresholds of their peaks.
 
-    The five cases of `kilnflight.detection.combination` are decided by them (chapter 3.1).
+    The five cases of `kilnflight.detection.combination` are decided by them (chapter
+    3.1).
     """
 
     gray: Single  # (rows, cols), smoothed
     before: Single  # (rows, cols), the frame before, smoothed
     threshold: float  # least prominence of a peak in `gray`, grey values
-    change_threshold: float  # least prominence of a peak in their difference, grey values
-    share: float  # least prominence of further peaks of an area, as a share of the highest one's
+    change_threshold: (
+        float  # least prominence of a peak in their difference, grey values
+    )
+    # least prominence of further peaks of an area, as a share of the highest one's
+    share: float
 
     @classmethod
     def of(
@@ -295,19 +343,23 @@ class Evidence(NamedTuple):
         prominence
             Least prominence of a peak, as a multiple of the noise.
         share
-            Least prominence of further peaks of an area, as a share of the highest one's.
+            Least prominence of further peaks of an area, as a share of the highest
+            one's.
         smooth
             Function that smooths either; a `Smoother` remembers the frame before.
 
         Notes
         -----
-        Noise is the median absolute deviation of the smoothed difference of the two frames,
-        times 1.4826: the standard deviation of a normal distribution. That of one frame is smaller
-        by the square root of 2. The difference is smoothed before its absolute value is taken, so
-        that noise averages out.
+        Noise is the median absolute deviation of the smoothed difference of the two
+        frames, times 1.4826: the standard deviation of a normal distribution. That of
+        one frame is smaller by the square root of 2. The difference is smoothed before
+        its absolute value is taken, so that noise averages out.
         """
-        before, now = smooth(previous), smooth(gray)
-        flat = slice(None, None, max(now.size // _SAMPLES, 1) | 1)  # odd: no column twice
+        before = smooth(previous)
+        now = smooth(gray)
+        flat = slice(
+            None, None, max(now.size // _SAMPLES, 1) | 1
+        )  # odd: no column twice
         sample = now.reshape(-1)[flat] - before.reshape(-1)[flat]
         sample = sample[: (sample.size - 1) | 1]  # an odd number has one middle
         spread = float(_middle(np.abs(sample - _middle(sample))))
@@ -323,7 +375,8 @@ class Evidence(NamedTuple):
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
-        """Return whether each area (n, 4) has a peak in the absolute difference of both frames.
+        """Return whether each area (n, 4) has a peak in the absolute difference of both
+        frames.
 
         `real` needs one. The peaks are those of `find_peaks`.
         """

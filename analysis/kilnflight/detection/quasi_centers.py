@@ -21,13 +21,14 @@ from kilnflight.detection.dbscan import NOISE, check_points_mm
 class QuasiClusterCenters:
     """Cluster points by spreading from the densest ones.
 
-    Clusters spread from quasi-cluster centres to ever sparser neighbours. The density of a point
-    is one over the distance to its k-th neighbour (Eq. 2.37). A centre is at least as dense as all
-    its neighbours, or as all points it is a neighbour of (Eqs 2.38, 2.39). Its cluster is reached
-    from it by steps to neighbours that are not denser. Clusters that share more than ``alpha`` k
-    points are merged (Eq. 2.41). A point that still is in several clusters goes to that of its
-    exemplar, the densest of its neighbours (Eq. 2.40). A centre is its own exemplar. Clusters of
-    fewer than ``k`` points are noise.
+    Clusters spread from quasi-cluster centres to ever sparser neighbours. The density
+    of a point is one over the distance to its k-th neighbour (Eq. 2.37). A centre is at
+    least as dense as all its neighbours, or as all points it is a neighbour of (Eqs
+    2.38, 2.39). Its cluster is reached from it by steps to neighbours that are not
+    denser. Clusters that share more than ``alpha`` k points are merged (Eq. 2.41). A
+    point that still is in several clusters goes to that of its exemplar, the densest of
+    its neighbours (Eq. 2.40). A centre is its own exemplar. Clusters of fewer than
+    ``k`` points are noise.
 
     Parameters
     ----------
@@ -43,20 +44,20 @@ class QuasiClusterCenters:
 
     Notes
     -----
-    Readings of the text. (1) "Greater than the density of all" neighbours leaves two equally dense
-    neighbours, which are frequent (each the other's k-th), without a centre. 5.1.3 says
-    "maximum", so equal is enough. (2) A neighbour is sparse when it is not denser;
-    points of equal density, one of them the other's neighbour, reach each other. (3) The
-    similarity is taken again of merged clusters, until no two clusters share too much; the
-    result does not depend on the order. (4) Of points at exactly the k-th distance the
-    first ones of the cloud count, so that a point has k neighbours; of equally dense
-    exemplars the first. (5) In a cloud of at most ``k`` points none has a density: all
-    noise.
+    Readings of the text. (1) "Greater than the density of all" neighbours leaves two
+    equally dense neighbours, which are frequent (each the other's k-th), without a
+    centre. 5.1.3 says "maximum", so equal is enough. (2) A neighbour is sparse when it
+    is not denser; points of equal density, one of them the other's neighbour, reach
+    each other. (3) The similarity is taken again of merged clusters, until no two
+    clusters share too much; the result does not depend on the order. (4) Of points at
+    exactly the k-th distance the first ones of the cloud count, so that a point has k
+    neighbours; of equally dense exemplars the first. (5) In a cloud of at most ``k``
+    points none has a density: all noise.
 
-    The thesis prints K = 30, alpha = 0.1 as best, with F1 0.6210. The counts of that row
-    give 0.5808, and K = 35 (0.6000) is the best of Table 5.10. For the combined method,
-    section 5.1.3 removes the wall with K = 35, alpha = 0.1 and takes K = 20, alpha = 0.2
-    for the rest. Sources: section 2.2.6 and Table 5.10, thesis.
+    The thesis prints K = 30, alpha = 0.1 as best, with F1 0.6210. The counts of that
+    row give 0.5808, and K = 35 (0.6000) is the best of Table 5.10. For the combined
+    method, section 5.1.3 removes the wall with K = 35, alpha = 0.1 and takes K = 20,
+    alpha = 0.2 for the rest. Sources: section 2.2.6 and Table 5.10, thesis.
     """
 
     k: int = 35  # points, best F1 of Table 5.10 by its own counts
@@ -82,17 +83,20 @@ class QuasiClusterCenters:
     def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> Index:
         """Return the cluster (n,) of each point of a cloud (n, 3) in mm; noise is -1.
 
-        ``nearest`` (n, at least k) is from `nearest_neighbors`; its first ``k`` columns count. So
-        several settings share one search.
+        ``nearest`` (n, at least k) is from `nearest_neighbors`; its first ``k`` columns
+        count. So several settings share one search.
         """
-        count, k = len(cloud), int(self.k)
+        count = len(cloud)
+        k = int(self.k)
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
         sparsity = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
         dense_first = np.argsort(sparsity, kind="stable")
         graph = _Graph(neighbors, sparsity, dense_first, *_centers(neighbors, sparsity))
-        clusters = np.arange(count)  # of a centre: that into whose cluster its own is merged
+        clusters = np.arange(
+            count
+        )  # of a centre: that into whose cluster its own is merged
         heads, chains = _spread(graph, clusters, float(self.alpha))
         while _merge(heads[graph.groups], chains, clusters, k, float(self.alpha)):
             pass
@@ -106,21 +110,28 @@ class QuasiClusterCenters:
 def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
     """Return the indices (n, k) of each point's nearest points, the nearest first.
 
-    The cloud is (n, 3) in mm; there are n - 1 columns if that is fewer. No point is its own
-    neighbour. Equally distant points stand in the order of the cloud, so the first columns are
-    those of a search for fewer neighbours.
+    The cloud is (n, 3) in mm; there are n - 1 columns if that is fewer. No point is its
+    own neighbour. Equally distant points stand in the order of the cloud, so the first
+    columns are those of a search for fewer neighbours.
     """
     k = min(k, max(len(cloud) - 1, 0))
     nearest = np.empty((len(cloud), k), np.int32)
     if not k:
         return nearest
-    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
-    for rows in np.split(np.arange(len(cloud)), range(20_000, len(cloud), 20_000)):  # saves memory
-        distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
+    tree = cKDTree(cloud)
+    many = min(k + 2, len(cloud))  # itself and one beyond
+    for rows in np.split(
+        np.arange(len(cloud)), range(20_000, len(cloud), 20_000)
+    ):  # saves memory
+        distances, indices = (
+            np.asarray(given) for given in tree.query(cloud[rows], many)
+        )
         nearest[rows] = indices[:, 1 : k + 1]  # anew where distances may be equal
         tied = (np.diff(distances, axis=1) <= 1e-12 * distances[:, 1:]).any(axis=1)
         for row, reach in zip(rows[tied], distances[tied, -1], strict=True):
-            others = np.setdiff1d(tree.query_ball_point(cloud[row], reach * (1 + 1e-9)), row)
+            others = np.setdiff1d(
+                tree.query_ball_point(cloud[row], reach * (1 + 1e-9)), row
+            )
             squares = ((cloud[others] - cloud[row]) ** 2).sum(axis=1)
             nearest[row] = others[np.argsort(squares, kind="stable")[:k]]
     return nearest
@@ -130,10 +141,13 @@ class _Graph(NamedTuple):
     """Points with their neighbours and densities; points are indices in the cloud."""
 
     neighbors: Any  # (n, k) points, the nearest first
-    sparsity: Any  # (n,) squared distance to the k-th neighbour, mm^2: 1 / density^2 of Eq. 2.37
+    # (n,) squared distance to the k-th neighbour, mm^2: 1 / density^2 of Eq. 2.37
+    sparsity: Any
     dense_first: Any  # (n,) points, the densest first
     centers: Any  # (n,) whether a point is a centre of a cluster
-    groups: Any  # (n,) first point of the equally dense ones that are linked as neighbours
+    groups: (
+        Any  # (n,) first point of the equally dense ones that are linked as neighbours
+    )
 
 
 @njit(cache=True)
@@ -154,7 +168,8 @@ def _unite(parents: Any, member: int, other: int) -> bool:
 
     ``parents`` (n,) is that of `_root`.
     """
-    first, second = _root(parents, member), _root(parents, other)
+    first = _root(parents, member)
+    second = _root(parents, other)
     parents[max(first, second)] = min(first, second)
     return first != second
 
@@ -163,12 +178,14 @@ def _unite(parents: Any, member: int, other: int) -> bool:
 def _centers(neighbors: Any, sparsity: Any) -> Any:
     """Return ``centers`` (n,) and ``groups`` (n,) of `_Graph`.
 
-    ``neighbors`` (n, k) and ``sparsity`` (n,) are fields of it, too. A centre is at least as dense
-    as all its neighbours (Eq. 2.38), or as all points that have it as a neighbour (Eq. 2.39). The
-    first implies the second: a denser point that has it as a neighbour lies within its k-th
-    distance, so it is a neighbour. Therefore only the second is tested.
+    ``neighbors`` (n, k) and ``sparsity`` (n,) are fields of it, too. A centre is at
+    least as dense as all its neighbours (Eq. 2.38), or as all points that have it as a
+    neighbour (Eq. 2.39). The first implies the second: a denser point that has it as a
+    neighbour lies within its k-th distance, so it is a neighbour. Therefore only the
+    second is tested.
     """
-    centers, groups = np.ones(len(sparsity), np.bool_), np.arange(len(sparsity))
+    centers = np.ones(len(sparsity), np.bool_)
+    groups = np.arange(len(sparsity))
     for i in range(len(sparsity)):
         for j in neighbors[i]:
             if sparsity[j] > sparsity[i]:
@@ -184,8 +201,8 @@ def _centers(neighbors: Any, sparsity: Any) -> Any:
 def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
     """Write the different clusters of a list into ``members``; return how many.
 
-    The list begins at row ``entry`` of ``chains`` (-1: empty); `_spread` describes it. ``clusters``
-    (n,) are the parents of merged clusters, see `_root`.
+    The list begins at row ``entry`` of ``chains`` (-1: empty); `_spread` describes it.
+    ``clusters`` (n,) are the parents of merged clusters, see `_root`.
     """
     count = 0
     while entry >= 0:
@@ -201,14 +218,16 @@ def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
     """Count a point for each pair of its clusters; return whether a pair was merged.
 
-    A pair is merged if it shares more than ``alpha`` times ``k`` points (Eq. 2.41). ``members``
-    (c,) are the clusters of the point, ``clusters`` (n,) the parents of merged ones. ``shared``
-    maps a pair, lower cluster times n plus the higher, to its number of shared points.
+    A pair is merged if it shares more than ``alpha`` times ``k`` points (Eq. 2.41).
+    ``members`` (c,) are the clusters of the point, ``clusters`` (n,) the parents of
+    merged ones. ``shared`` maps a pair, lower cluster times n plus the higher, to its
+    number of shared points.
     """
     merged = False
     for i in range(len(members)):
         for j in range(i):
-            low, high = min(members[i], members[j]), max(members[i], members[j])
+            low = min(members[i], members[j])
+            high = max(members[i], members[j])
             pair = low * len(clusters) + high
             shared[pair] = shared.get(pair, 0) + 1
             if shared[pair] / k > alpha:  # Eq. 2.41
@@ -220,24 +239,30 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
 def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
     """Return the clusters that reach each group, as linked lists.
 
-    ``heads`` (n,) is the first row in ``chains`` of the list of each group (-1: none). A row of
-    ``chains`` is a cluster, by the index of its centre, and the next row of the same list.
-    ``clusters`` (n,), the parents of merged clusters, is changed in place. Clusters spread in
-    order of decreasing density. They are merged as soon as enough shared points are counted, which
-    keeps the lists short. This is never too early, as a merged cluster shares no fewer points than
-    its parts. `_merge` finds the rest.
+    ``heads`` (n,) is the first row in ``chains`` of the list of each group (-1: none).
+    A row of ``chains`` is a cluster, by the index of its centre, and the next row of
+    the same list. ``clusters`` (n,), the parents of merged clusters, is changed in
+    place. Clusters spread in order of decreasing density. They are merged as soon as
+    enough shared points are counted, which keeps the lists short. This is never too
+    early, as a merged cluster shares no fewer points than its parts. `_merge` finds the
+    rest.
     """
     sparsity, groups, (count, k) = graph.sparsity, graph.groups, graph.neighbors.shape
-    heads, chains, used = np.full(count, -1), np.empty((2 * count, 2), np.int64), 0
+    heads = np.full(count, -1)
+    chains = np.empty((2 * count, 2), np.int64)
+    used = 0
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     sizes = np.bincount(groups)
     for i in np.flatnonzero(graph.centers):
         group = groups[i]
         if heads[group] >= 0 and sizes[group] / k > alpha:
-            _unite(clusters, int(i), chains[heads[group], 0])  # they share at least the group
+            _unite(
+                clusters, int(i), chains[heads[group], 0]
+            )  # they share at least the group
         else:
-            chains[used, 0], chains[used, 1] = i, heads[group]
+            chains[used, 0] = i
+            chains[used, 1] = heads[group]
             heads[group] = used
             used += 1
     for i in graph.dense_first:
@@ -248,11 +273,13 @@ def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
         for j in graph.neighbors[i]:
             if sparsity[j] > sparsity[i]:
                 for cluster in members[:count]:
-                    root, entry = _root(clusters, cluster), heads[groups[j]]
+                    root = _root(clusters, cluster)
+                    entry = heads[groups[j]]
                     while entry >= 0 and _root(clusters, chains[entry, 0]) != root:
                         entry = chains[entry, 1]
                     if entry < 0:
-                        chains[used, 0], chains[used, 1] = root, heads[groups[j]]
+                        chains[used, 0] = root
+                        chains[used, 1] = heads[groups[j]]
                         heads[groups[j]] = used
                         used += 1
     return heads, chains
@@ -262,8 +289,8 @@ def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
 def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bool:
     """Merge clusters that share too many points; return whether any did.
 
-    ``entries`` (n,) is the first row in ``chains`` of each point's list of clusters. ``clusters``
-    (n,), the parents of merged clusters, is changed in place.
+    ``entries`` (n,) is the first row in ``chains`` of each point's list of clusters.
+    ``clusters`` (n,), the parents of merged clusters, is changed in place.
     """
     members = np.empty(len(entries), np.int64)
     shared = Dict.empty(types.int64, types.int64)
@@ -278,8 +305,8 @@ def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bo
 def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
     """Return the cluster (n,) of each point, by the index of its centre.
 
-    A point in several clusters takes that of its exemplar, its densest neighbour (Eq. 2.40). The
-    other arguments are those of `_spread` and `_merge`.
+    A point in several clusters takes that of its exemplar, its densest neighbour (Eq.
+    2.40). The other arguments are those of `_spread` and `_merge`.
     """
     sparsity = graph.sparsity
     labels = np.full(len(sparsity), NOISE)

@@ -26,13 +26,13 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Fl
     Raises
     ------
     InputError
-        If the polygon has fewer than three different corners or no extent, or a number is
-        not finite.
+        If the polygon has fewer than three different corners or no extent, or a number
+        is not finite.
 
     Notes
     -----
-    The thesis excludes "the particles outside the polygon", so its border counts as inside.
-    A polygon that crosses itself is filled by the even-odd rule.
+    The thesis excludes "the particles outside the polygon", so its border counts as
+    inside. A polygon that crosses itself is filled by the even-odd rule.
 
     Examples
     --------
@@ -41,8 +41,11 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Fl
     """
     corners = check_finite(polygon, "polygon", (None, 2))
     if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
-        raise InputError("polygon: pass three or more corners (row, col), not all in one line.")
-    r, c = check_finite(row, "row"), check_finite(col, "col")
+        raise InputError(
+            "polygon: pass three or more corners (row, col), not all in one line."
+        )
+    r = check_finite(row, "row")
+    c = check_finite(col, "col")
     check_shape(c, r.shape if r.ndim and c.ndim else c.shape, "col")
     contour = corners.astype(np.float32)
     places = np.broadcast(r, c)

@@ -1,7 +1,7 @@
 """Particles as keypoints of SIFT: maxima of differences of Gaussians.
 
-Section 2.2.3 of the thesis, which uses position and scale of a keypoint only. Orientation and
-descriptor (Eqs 2.29 ff.) are not computed.
+Section 2.2.3 of the thesis, which uses position and scale of a keypoint only.
+Orientation and descriptor (Eqs 2.29 ff.) are not computed.
 """
 
 import math
@@ -27,11 +27,17 @@ LAYERS = 3  # scales per octave that are searched; k of Eq. 2.23 is 2^(1/LAYERS)
 SIGMA_PX = 1.6  # blur of the first scale of an octave, in px of the octave
 _FITS = 3  # fits of the quadratic at a maximum; after each it may move by one sample
 _MOVE = 0.6  # offset in px from which the fit moves to the next sample
-_BELIEVED = 1.0  # offset in samples from which a keypoint is rejected: beyond the three fitted
+_BELIEVED = (
+    1.0  # offset in samples from which a keypoint is rejected: beyond the three fitted
+)
 _WALK = _FITS  # px around a sample that its fits can reach
-# Side in px of the blocks whose range bounds the differences; `_block_ranges` is written for 4.
+# Side in px of the blocks whose range bounds the differences; `_block_ranges` is
+# written for 4.
 _BLOCK = 4
-_TILE = (8, 32)  # rows and columns in blocks of the tiles that are blurred one at a time
+_TILE = (
+    8,
+    32,
+)  # rows and columns in blocks of the tiles that are blurred one at a time
 
 
 def _taps(sigma: float) -> Single:
@@ -47,8 +53,8 @@ def _taps(sigma: float) -> Single:
 def _positive(inner: Single, outer: Single) -> tuple[int, float]:
     """Return radius (px) and sum of a difference of Gaussians' positive weights.
 
-    ``inner`` and ``outer`` are `_taps`, (1 + r,) each; the weights are those of inner - outer in
-    2D. `_reachable` bounds the difference by them.
+    ``inner`` and ``outer`` are `_taps`, (1 + r,) each; the weights are those of inner -
+    outer in 2D. `_reachable` bounds the difference by them.
     """
     wide = np.concatenate([outer[:0:-1], outer])
     narrow = np.pad(np.concatenate([inner[:0:-1], inner]), len(outer) - len(inner))
@@ -62,7 +68,9 @@ _SCALES = SIGMA_PX * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)
 _KERNELS = tuple(_taps(sigma) for sigma in np.sqrt(_SCALES**2 - SIGMA_PX**2).tolist())
 # Radius of the best disc at scale 1, the zero of the difference of Gaussians.
 DISC_RADIUS = _K * math.sqrt(2.0 * math.log(_K**2) / (_K**2 - 1.0))
-_NEXT = _taps(SIGMA_PX * math.sqrt(3.0))  # from the first scale of an octave to twice as much
+_NEXT = _taps(
+    SIGMA_PX * math.sqrt(3.0)
+)  # from the first scale of an octave to twice as much
 _BOUNDS = [(*_positive(a, b), len(b) - 1) for a, b in pairwise(_KERNELS[1:-1])]
 
 
@@ -78,26 +86,29 @@ class DoG:
     camera_blur
         Blur of the image as captured, in px.
     enlarge
-        Search the image at so many times its size, which finds smaller blobs: 1, 2 or 4.
+        Search the image at so many times its size, which finds smaller blobs: 1, 2 or
+        4.
     edge
-        Largest ratio of the curvatures across a blob, r of Eq. 2.28: "a user-defined threshold",
-        which the thesis does not print.
+        Largest ratio of the curvatures across a blob, r of Eq. 2.28: "a user-defined
+        threshold", which the thesis does not print.
 
     Notes
     -----
-    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright blob is
-    the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also names, are gaps between
-    particles in the absolute difference of frame and background, and are left out. The threshold
-    applies to the difference itself, neither divided by the number of layers (as in OpenCV) nor
-    scaled by the range of the grey values. A sample below half of it is not fitted, as in OpenCV.
+    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a
+    bright blob is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text
+    also names, are gaps between particles in the absolute difference of frame and
+    background, and are left out. The threshold applies to the difference itself,
+    neither divided by the number of layers (as in OpenCV) nor scaled by the range of
+    the grey values. A sample below half of it is not fitted, as in OpenCV.
 
-    The thesis starts from the original image, which finds blobs with a radius from about 2.8 px.
-    Lowe doubles it first (``enlarge``). The radius is that of the uniform disc with the strongest
-    response at the keypoint's scale. For a Gaussian blob it is the square root of 2 times its
-    standard deviation. The thesis does not say how it draws its circles.
+    The thesis starts from the original image, which finds blobs with a radius from
+    about 2.8 px. Lowe doubles it first (``enlarge``). The radius is that of the uniform
+    disc with the strongest response at the keypoint's scale. For a Gaussian blob it is
+    the square root of 2 times its standard deviation. The thesis does not say how it
+    draws its circles.
 
-    Sources: Eqs 2.21 to 2.28, thesis; Lowe 2004 for `LAYERS`, `SIGMA_PX`, ``edge``, camera
-    blur.
+    Sources: Eqs 2.21 to 2.28, thesis; Lowe 2004 for `LAYERS`, `SIGMA_PX`, ``edge``,
+    camera blur.
     """
 
     threshold: float = 500.0  # grey values; empirical value of section 5.1.2
@@ -110,22 +121,26 @@ class DoG:
         check_number(self.camera_blur, "DoG: camera_blur", least=0, most=SIGMA_PX)
         check_number(self.edge, "DoG: edge", least=1)
 
-    def __call__(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
+    def __call__(
+        self, foreground: npt.ArrayLike, within: Polygon | None = None
+    ) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
 
         Parameters
         ----------
         foreground
-            (rows, cols) grey values: integers of 8 or 16 bits, or floats; computed in float32.
+            (rows, cols) grey values: integers of 8 or 16 bits, or floats; computed in
+            float32.
         within
-            Corners (row, col) of a polygon. All particles in it are found; most of those
-            outside are skipped, which saves time.
+            Corners (row, col) of a polygon. All particles in it are found; most of
+            those outside are skipped, which saves time.
 
         Returns
         -------
         ndarray
-            (n, 3) row, col, radius in px, by octave, row and column. None in a foreground
-            of one grey value. A saturated plateau is one blob with the size of the plateau.
+            (n, 3) row, col, radius in px, by octave, row and column. None in a
+            foreground of one grey value. A saturated plateau is one blob with the size
+            of the plateau.
 
         Raises
         ------
@@ -137,9 +152,10 @@ class DoG:
     def graded(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
         """Return row, col, radius and largest threshold (n, 4) of each particle.
 
-        Lengths are in px, thresholds in grey values. A particle is found at every threshold up to
-        its largest one. So the rows with at least a higher threshold are what a detector with that
-        threshold finds, bit for bit. One call serves a table of thresholds (Table 5.6).
+        Lengths are in px, thresholds in grey values. A particle is found at every
+        threshold up to its largest one. So the rows with at least a higher threshold
+        are what a detector with that threshold finds, bit for bit. One call serves a
+        table of thresholds (Table 5.6).
 
         Parameters
         ----------
@@ -150,11 +166,22 @@ class DoG:
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         if self.enlarge > 1 and image.size:
-            n, shift = self.enlarge, (self.enlarge - 1) / 2
-            around = within and tuple((n * row + shift, n * col + shift) for row, col in within)
-            plain = replace(self, camera_blur=min(n * self.camera_blur, SIGMA_PX), enlarge=1)
-            return (plain.graded(enlarged(image, n), around) - [shift, shift, 0, 0]) / [n, n, n, 1]
-        octaves, spacing = [np.empty((0, 4))], 1.0
+            n = self.enlarge
+            shift = (self.enlarge - 1) / 2
+            around = within and tuple(
+                (n * row + shift, n * col + shift) for row, col in within
+            )
+            plain = replace(
+                self, camera_blur=min(n * self.camera_blur, SIGMA_PX), enlarge=1
+            )
+            return (plain.graded(enlarged(image, n), around) - [shift, shift, 0, 0]) / [
+                n,
+                n,
+                n,
+                1,
+            ]
+        octaves = [np.empty((0, 4))]
+        spacing = 1.0
         if image.size:
             first = _taps(math.sqrt(SIGMA_PX**2 - self.camera_blur**2))
             image = _blur(np.ascontiguousarray(image), first, 1)
@@ -165,17 +192,21 @@ class DoG:
         return np.concatenate(octaves)
 
     def _octave(self, image: Single, spacing: float, within: Polygon | None) -> Array:
-        """Return row, col, radius and largest threshold (n, 4) of an octave's keypoints.
+        """Return row, col, radius and largest threshold (n, 4) of an octave's
+        keypoints.
 
-        Places and radii are in px of the image at full size; one pixel of the octave's ``image``
-        (rows, cols) is ``spacing`` of them.
+        Places and radii are in px of the image at full size; one pixel of the octave's
+        ``image`` (rows, cols) is ``spacing`` of them.
         """
         live = _reachable(image, self.threshold / 2)
         if within is not None:
             live &= _near(within, live.shape, _BLOCK * spacing)
         boxes = _boxes(live, image.shape)
-        points = _search(image, boxes, _KERNELS, float(self.threshold), float(self.edge))
-        # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
+        points = _search(
+            image, boxes, _KERNELS, float(self.threshold), float(self.edge)
+        )
+        # Two maxima may lead to one sample, at which the fit is the same; the higher
+        # counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
         scale = SIGMA_PX * 2.0 ** ((points[:, 0] + points[:, 3]) / LAYERS)
@@ -185,16 +216,20 @@ class DoG:
 
 def enlarged(image: Single, times: int) -> Single:
     """Return the image (rows, cols) at ``times`` its size, by linear interpolation."""
-    return np.asarray(cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR))
+    return np.asarray(
+        cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    )
 
 
 @njit(cache=True)
 def _mirrored(start: int, stop: int, size: int) -> Any:
-    """Return the pixel (stop - start,) at each place along an axis, mirrored beyond its border.
+    """Return the pixel (stop - start,) at each place along an axis, mirrored beyond its
+    border.
 
     The axis has ``size`` px; the outermost ones are not repeated.
     """
-    places, period = np.arange(start, stop), max(2 * size - 2, 1)
+    places = np.arange(start, stop)
+    period = max(2 * size - 2, 1)
     return np.minimum(places % period, -places % period)
 
 
@@ -202,26 +237,36 @@ def _mirrored(start: int, stop: int, size: int) -> Any:
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
     """Write a line, blurred along one axis of an image, into ``target`` (size,).
 
-    A line is ``size`` consecutive elements of ``source`` (n,): an image, row after row, float32.
-    Lines j px before and after it begin at the elements ``low[j]`` and ``high[j]``, (1 + r,) each;
-    ``low[0]`` is its own, ``high[0]`` is not read. ``weights`` (1 + r,) are those of `_taps`. Three
-    pairs at a time save reads and writes; the order of the sum may not change, as it decides the
-    last bit.
+    A line is ``size`` consecutive elements of ``source`` (n,): an image, row after row,
+    float32. Lines j px before and after it begin at the elements ``low[j]`` and
+    ``high[j]``, (1 + r,) each; ``low[0]`` is its own, ``high[0]`` is not read.
+    ``weights`` (1 + r,) are those of `_taps`. Three pairs at a time save reads and
+    writes; the order of the sum may not change, as it decides the last bit.
     """
-    size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
-    centre, weight = source[low[0] : low[0] + size], weights[0]
+    size = len(target)
+    full = 1 + 3 * ((len(weights) - 1) // 3)
+    centre = source[low[0] : low[0] + size]
+    weight = weights[0]
     for x in range(size):
         target[x] = weight * centre[x]
     for j in range(1, full, 3):
-        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], weights[j]
+        a = source[low[j] : low[j] + size]
+        b = source[high[j] : high[j] + size]
+        u = weights[j]
         k = j + 1
-        c, d, v = source[low[k] : low[k] + size], source[high[k] : high[k] + size], weights[k]
+        c = source[low[k] : low[k] + size]
+        d = source[high[k] : high[k] + size]
+        v = weights[k]
         k = j + 2
-        e, f, w = source[low[k] : low[k] + size], source[high[k] : high[k] + size], weights[k]
+        e = source[low[k] : low[k] + size]
+        f = source[high[k] : high[k] + size]
+        w = weights[k]
         for x in range(size):
             target[x] += u * (a[x] + b[x]) + v * (c[x] + d[x]) + w * (e[x] + f[x])
     for j in range(full, len(weights)):
-        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], weights[j]
+        a = source[low[j] : low[j] + size]
+        b = source[high[j] : high[j] + size]
+        u = weights[j]
         for x in range(size):
             target[x] += u * (a[x] + b[x])
 
@@ -230,24 +275,27 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 def _blur(image: Any, weights: Any, step: int) -> Any:
     """Return every ``step``-th pixel of the blurred image (Eq. 2.21), float32.
 
-    The image is (rows, cols), mirrored at its border. ``weights`` (1 + r,) are those of `_taps`.
-    Columns are blurred first, then rows.
+    The image is (rows, cols), mirrored at its border. ``weights`` (1 + r,) are those of
+    `_taps`. Columns are blurred first, then rows.
     """
     (rows, cols), reach, away = image.shape, len(weights) - 1, np.arange(len(weights))
-    lines, ends = (
-        _mirrored(-reach, rows + reach, rows) * cols,
-        _mirrored(-reach, cols + reach, cols),
-    )
-    down, across = np.empty(cols + 2 * reach, np.float32), np.empty(cols, np.float32)
+    lines = _mirrored(-reach, rows + reach, rows) * cols
+    ends = _mirrored(-reach, cols + reach, cols)
+    down = np.empty(cols + 2 * reach, np.float32)
+    across = np.empty(cols, np.float32)
     out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
     for i in range(len(out)):
-        middle, target = step * i + reach, out[i] if step == 1 else across
-        low, high = lines[middle - away], lines[middle + away]
+        middle = step * i + reach
+        target = out[i] if step == 1 else across
+        low = lines[middle - away]
+        high = lines[middle + away]
         _pass(image.ravel(), low, high, weights, down[reach : reach + cols])
         for x in range(reach):
             down[x], down[-1 - x] = down[reach + ends[x]], down[reach + ends[-1 - x]]
         _pass(down, reach - away, reach + away, weights, target)
-        for x in range(out.shape[1] * (step > 1)):  # a slice assigned is slow to compile
+        for x in range(
+            out.shape[1] * (step > 1)
+        ):  # a slice assigned is slow to compile
             out[i, x] = across[step * x]
     return out
 
@@ -256,29 +304,36 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
 def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
     """Return the differences of Gaussians (kernels - 1 or 2, rows, cols) in a box.
 
-    Float32, in grey values; narrow minus wide, so bright blobs are positive. The last one is left
-    out where the one before is below ``level``, the least of a maximum: then none needs it. Noise
-    has small scales, which spares a third of its time. ``box`` is in px of the image (rows, cols),
-    which is mirrored at its border. ``kernels`` are `_taps`, (1 + r,) each, the narrowest first.
-    Compiled: the box stays in the cache of the processor, which takes half of OpenCV's time.
+    Float32, in grey values; narrow minus wide, so bright blobs are positive. The last
+    one is left out where the one before is below ``level``, the least of a maximum:
+    then none needs it. Noise has small scales, which spares a third of its time.
+    ``box`` is in px of the image (rows, cols), which is mirrored at its border.
+    ``kernels`` are `_taps`, (1 + r,) each, the narrowest first. Compiled: the box stays
+    in the cache of the processor, which takes half of OpenCV's time.
     """
     top, bottom, left, right = box
-    rows, cols, most = bottom - top, right - left, len(kernels[-1]) - 1
-    stride, lines = cols + 2 * most, _mirrored(top - most, bottom + most, image.shape[0])
+    rows = bottom - top
+    cols = right - left
+    most = len(kernels[-1]) - 1
+    stride = cols + 2 * most
+    lines = _mirrored(top - most, bottom + most, image.shape[0])
     places = _mirrored(left - most, right + most, image.shape[1])
     patch = np.empty(len(lines) * stride, dtype=np.float32)
     for i in range(len(lines)):
-        line, target = image[lines[i]], patch[i * stride : (i + 1) * stride]
+        line = image[lines[i]]
+        target = patch[i * stride : (i + 1) * stride]
         for x in range(stride):
             target[x] = line[places[x]]
     # The ends of the lines are blurred across, too; they are cut off below.
-    down, across = np.empty((rows + 2) * stride, np.float32), np.empty(rows * stride, np.float32)
+    down = np.empty((rows + 2) * stride, np.float32)
+    across = np.empty(rows * stride, np.float32)
     gaussians = np.empty((len(kernels), rows, cols), dtype=np.float32)
     for index in range(len(kernels)):
         if index == len(kernels) - 1 and (gaussians[-3] - gaussians[-2]).max() < level:
             return gaussians[:-2] - gaussians[1:-1]
         away = np.arange(len(kernels[index]))
-        low, high = (most - away) * stride, (most + away) * stride
+        low = (most - away) * stride
+        high = (most + away) * stride
         _pass(patch, low, high, kernels[index], down[stride:-stride])
         _pass(down, stride - away, stride + away, kernels[index], across)
         gaussians[index] = across.reshape(rows, stride)[:, most : most + cols]
@@ -289,15 +344,16 @@ def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
 def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float) -> Any:
     """Return the keypoints (n, 7) of all boxes, with the columns of `_keypoints`.
 
-    ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image (rows, cols).
-    ``kernels`` are `_taps`, the narrowest first, and ``threshold`` is in grey values; ``edge`` as
-    in `DoG`. Compiled: some hundred boxes a frame, each passed from Python, cost a fifth of their
-    time.
+    ``boxes`` (n, 4) and the rows and columns of keypoints are in px of the image (rows,
+    cols). ``kernels`` are `_taps`, the narrowest first, and ``threshold`` is in grey
+    values; ``edge`` as in `DoG`. Compiled: some hundred boxes a frame, each passed from
+    Python, cost a fifth of their time.
     """
     (rows, cols), found, count = image.shape, np.empty((64, 7)), 0
     for index in range(len(boxes)):
         top, bottom, left, right = boxes[index]
-        first, start = top - _WALK, left - _WALK
+        first = top - _WALK
+        start = left - _WALK
         box = (first, bottom + _WALK, start, right + _WALK)
         visit = (1 - first, rows - 1 - first, 1 - start, cols - 1 - start)
         stack = _differences(image, box, kernels, threshold / 2)
@@ -316,27 +372,34 @@ def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float)
 def _maxima(stack: Any, level: float) -> Any:
     """Return layer, row, col (n, 3) of each local maximum of a stack.
 
-    The stack (layers, rows, cols) holds differences of Gaussians. A maximum is larger than its 26
-    neighbours; ties go to the first sample. It is positive, at least ``level`` in grey values, and
-    at least `_WALK` px from the border.
+    The stack (layers, rows, cols) holds differences of Gaussians. A maximum is larger
+    than its 26 neighbours; ties go to the first sample. It is positive, at least
+    ``level`` in grey values, and at least `_WALK` px from the border.
     """
     layers, rows, cols = stack.shape
     places = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
     count = 0
     for layer in range(1, layers - 1):
         for row in range(_WALK, rows - _WALK):
-            line, high = stack[layer, row], False
-            for col in range(_WALK, cols - _WALK):  # several at a time; most lines are low
+            line = stack[layer, row]
+            high = False
+            for col in range(
+                _WALK, cols - _WALK
+            ):  # several at a time; most lines are low
                 high |= line[col] >= level
             for col in range(_WALK, (cols - _WALK) * high):
                 value = line[col]
                 if value < level or value <= line[col - 1] or value < line[col + 1]:
                     continue  # most samples
-                cube = stack[layer - 1 : layer + 2, row - 1 : row + 2, col - 1 : col + 2]
+                cube = stack[
+                    layer - 1 : layer + 2, row - 1 : row + 2, col - 1 : col + 2
+                ]
                 highest = value > 0
                 for place, other in np.ndenumerate(cube):
                     before = place < (1, 1, 1)
-                    highest = highest and not (other > value or (before and other == value))
+                    highest = highest and not (
+                        other > value or (before and other == value)
+                    )
                 if highest:
                     places[count] = layer, row, col
                     count += 1
@@ -347,15 +410,17 @@ def _maxima(stack: Any, level: float) -> Any:
 def _keypoints(stack: Any, visit: _Box, threshold: float, edge: float) -> Any:
     """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
-    The stack (layers, rows, cols) holds differences of Gaussians of one box. A quadratic is fitted
-    at each maximum. Columns: layer, row, col of the sample; offset of the quadratic's extremum from
-    it along the same axes, in samples; largest threshold. That is the largest one, in grey values,
-    at which the maximum still gives this keypoint. The fit moves by one pixel at a time; its layer
-    stays. ``visit`` are the rows and columns of the stack that it may reach, half open. Compiled:
-    most boxes hold one maximum or none, too few for numpy.
+    The stack (layers, rows, cols) holds differences of Gaussians of one box. A
+    quadratic is fitted at each maximum. Columns: layer, row, col of the sample; offset
+    of the quadratic's extremum from it along the same axes, in samples; largest
+    threshold. That is the largest one, in grey values, at which the maximum still gives
+    this keypoint. The fit moves by one pixel at a time; its layer stays. ``visit`` are
+    the rows and columns of the stack that it may reach, half open. Compiled: most boxes
+    hold one maximum or none, too few for numpy.
     """
     places = _maxima(stack, threshold / 2)
-    points, count = np.empty((len(places), 7)), 0
+    points = np.empty((len(places), 7))
+    count = 0
     for layer, row, col in places:
         sample = np.float64(stack[layer, row, col])
         for fit in range(_FITS):
@@ -372,7 +437,9 @@ def _keypoints(stack: Any, visit: _Box, threshold: float, edge: float) -> Any:
         blob = determinant > 0 and trace**2 * edge < (edge + 1) ** 2 * determinant
         peak = value + np.dot(gradient, offset) / 2
         if blob and np.abs(offset).max() < _BELIEVED and peak >= threshold:
-            points[count, 0], points[count, 1], points[count, 2] = layer, row, col
+            points[count, 0] = layer
+            points[count, 1] = row
+            points[count, 2] = col
             points[count, 3:6] = offset
             points[count, 6] = min(peak, 2 * sample)
             count += 1
@@ -385,15 +452,20 @@ def _derivatives(cube: Any) -> Any:
 
     The cube (3, 3, 3) is layer, row, col; differences are central and per sample.
     """
-    gradient, hessian = np.empty(3), np.empty((3, 3))
-    values, steps = cube.ravel(), (9, 3, 1)  # from a sample to the next along each axis
+    gradient = np.empty(3)
+    hessian = np.empty((3, 3))
+    values = cube.ravel()
+    steps = (9, 3, 1)  # from a sample to the next along each axis
     for i in range(3):
         a = steps[i]
         gradient[i] = (values[13 + a] - values[13 - a]) / 2
         hessian[i, i] = values[13 + a] + values[13 - a] - 2 * values[13]
         for j in range(i):
-            b, c = 13 + steps[j], 13 - steps[j]
-            hessian[i, j] = (values[b + a] - values[b - a] - values[c + a] + values[c - a]) / 4
+            b = 13 + steps[j]
+            c = 13 - steps[j]
+            hessian[i, j] = (
+                values[b + a] - values[b - a] - values[c + a] + values[c - a]
+            ) / 4
             hessian[j, i] = hessian[i, j]
     return values[13], gradient, hessian
 
@@ -408,7 +480,8 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
     determinant = np.dot(hessian[0], first)
     if determinant == 0:
         return np.full(3, np.nan)
-    second, third = np.cross(hessian[2], hessian[0]), np.cross(hessian[0], hessian[1])
+    second = np.cross(hessian[2], hessian[0])
+    third = np.cross(hessian[0], hessian[1])
     solution = first * gradient[0] + second * gradient[1] + third * gradient[2]
     return -solution / determinant
 
@@ -417,8 +490,9 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
 def _block_ranges(image: Any) -> Any:
     """Return the extreme values of each block, (2, block rows, block cols).
 
-    The smallest are first. A block is `_BLOCK` px wide and high, cut at the border of the image
-    (rows, cols). Its four lines are read at once, which takes a third of the time of a loop.
+    The smallest are first. A block is `_BLOCK` px wide and high, cut at the border of
+    the image (rows, cols). Its four lines are read at once, which takes a third of the
+    time of a loop.
     """
     rows, cols = image.shape
     out = np.empty((2, -(-rows // _BLOCK), -(-cols // _BLOCK)), np.float32)
@@ -427,8 +501,12 @@ def _block_ranges(image: Any) -> Any:
     for i in range(out.shape[1]):
         lines = image[np.minimum(np.arange(_BLOCK) + i * _BLOCK, rows - 1)]
         for x in range(cols):
-            a, b, c, d = lines[0, x], lines[1, x], lines[2, x], lines[3, x]
-            low[x], high[x] = min(a, b, c, d), max(a, b, c, d)
+            a = lines[0, x]
+            b = lines[1, x]
+            c = lines[2, x]
+            d = lines[3, x]
+            low[x] = min(a, b, c, d)
+            high[x] = max(a, b, c, d)
         low[cols:], high[cols:] = low[cols - 1], high[cols - 1]
         for j in range(out.shape[2]):
             x = j * _BLOCK
@@ -440,10 +518,10 @@ def _block_ranges(image: Any) -> Any:
 def _reachable(image: Single, level: float) -> Flags:
     """Return whether a keypoint can lie in each block, (block rows, block cols).
 
-    That is where a searched difference of Gaussians can reach ``level`` in grey values; other
-    blocks are skipped to save time. The weights of a difference sum to zero. So it is at most the
-    sum of the positive ones times (largest value within their radius - smallest value under the
-    kernel).
+    That is where a searched difference of Gaussians can reach ``level`` in grey values;
+    other blocks are skipped to save time. The weights of a difference sum to zero. So
+    it is at most the sum of the positive ones times (largest value within their radius
+    - smallest value under the kernel).
     """
     low, high = _block_ranges(image)
     # A sum of products of float32 is off by less than this; the bound must not be.
@@ -451,27 +529,33 @@ def _reachable(image: Single, level: float) -> Flags:
     live = np.zeros(low.shape, dtype=np.bool_)
     for radius, mass, reach in _BOUNDS:
         near, far = (np.ones(2 * [2 * -(-r // _BLOCK) + 1]) for r in (radius, reach))
-        live |= (cv2.dilate(high, near) - cv2.erode(low, far)) * mass + rounding >= level
+        live |= (
+            cv2.dilate(high, near) - cv2.erode(low, far)
+        ) * mass + rounding >= level
     return live
 
 
 def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
     """Return whether each block, of ``shape``, is in a polygon or two blocks from it.
 
-    Corners (row, col) of the polygon and the ``side`` of a block are in px of the image at full
-    size. Two blocks are more than a fit may move and rounding may shift.
+    Corners (row, col) of the polygon and the ``side`` of a block are in px of the image
+    at full size. Two blocks are more than a fit may move and rounding may shift.
     """
-    corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
+    corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(
+        np.int32
+    )
     drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
     return cv2.dilate(drawn, np.ones((5, 5), dtype=np.uint8)) > 0
 
 
 @njit(cache=True)
 def _boxes(live: Any, shape: tuple[int, int]) -> Any:
-    """Return the boxes (n, 4) to search, in px: of each tile the part with blocks that are live.
+    """Return the boxes (n, 4) to search, in px: of each tile the part with blocks that
+    are live.
 
-    ``live`` (block rows, block cols) is from `_reachable`, ``shape`` that of the image in px. Boxes
-    leave out the outermost pixels of the image. Compiled: there are some hundred tiles.
+    ``live`` (block rows, block cols) is from `_reachable`, ``shape`` that of the image
+    in px. Boxes leave out the outermost pixels of the image. Compiled: there are some
+    hundred tiles.
     """
     (below, beside), (high, wide), count = live.shape, _TILE, 0
     boxes = np.empty((-(-below // high) * -(-beside // wide), 4), np.int64)
@@ -479,7 +563,8 @@ def _boxes(live: Any, shape: tuple[int, int]) -> Any:
         for j in range(0, beside, wide):
             rows, cols = np.nonzero(live[i : i + high, j : j + wide])
             if len(rows):
-                top, left = max((i + rows[0]) * _BLOCK, 1), max((j + cols.min()) * _BLOCK, 1)
+                top = max((i + rows[0]) * _BLOCK, 1)
+                left = max((j + cols.min()) * _BLOCK, 1)
                 bottom = min((i + rows[-1] + 1) * _BLOCK, shape[0] - 1)
                 right = min((j + cols.max() + 1) * _BLOCK, shape[1] - 1)
                 boxes[count] = top, max(top, bottom), left, max(left, right)

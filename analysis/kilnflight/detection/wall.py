@@ -18,16 +18,20 @@ from scipy.optimize import least_squares
 from kilnflight.arrays import Array, Flags
 from kilnflight.checks import InputError, check_finite, check_number
 
-# The thesis limits the distance of inliers and gives the z-axis (section 3.2), without numbers.
+# The thesis limits the distance of inliers and gives the z-axis (section 3.2), without
+# numbers.
 MAX_DISTANCE_MM = 50.0  # of an inlier from the wall
 MAX_ANGLE_DEG = 5.0  # between axis and z; Table 5.12 has 1.7
 TRIALS = 1000  # at most
 CONFIDENCE = 0.99  # that a good trial was among them
 MIN_SHARE = 0.5  # of the points that must be inliers: the wall is the majority
 FEWEST_POINTS = 10  # twice the five unknowns of a cylinder
-_Z, _ACROSS = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+_Z = np.array([0.0, 0.0, 1.0])
+_ACROSS = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 _WIDEST = np.radians(MAX_ANGLE_DEG)
-_SIGMA_MM = MAX_DISTANCE_MM / 1.96  # an inlier stays within 1.96 sigma (Torr and Zisserman, 95 %)
+_SIGMA_MM = (
+    MAX_DISTANCE_MM / 1.96
+)  # an inlier stays within 1.96 sigma (Torr and Zisserman, 95 %)
 _BATCH = 100  # trials between two tests of the confidence
 _SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
@@ -57,7 +61,9 @@ class Cylinder:
     rms_mm: float | None = None
 
 
-def fit_cylinder(points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
+def fit_cylinder(
+    points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0
+) -> Cylinder:
     """Fit a cylinder along z to the wall's cluster by MLESAC (section 3.2).
 
     Parameters
@@ -75,30 +81,34 @@ def fit_cylinder(points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) 
     Raises
     ------
     InputError
-        If the points are not finite, not (n, 3) or fewer than `FEWEST_POINTS`, or if fewer
-        than `MIN_SHARE` of them lie on the best cylinder.
+        If the points are not finite, not (n, 3) or fewer than `FEWEST_POINTS`, or if
+        fewer than `MIN_SHARE` of them lie on the best cylinder.
 
     Notes
     -----
-    A trial is a direction from the cone round z and the circle through three points seen along
-    it. The camera's depth errors are common to whole patches, so normals estimated from
-    neighbours would be wrong. Errors of depth shift points along the line of sight, and so the
-    axis towards it: errors of half the ring's length (standard deviations) by about one degree.
+    A trial is a direction from the cone round z and the circle through three points
+    seen along it. The camera's depth errors are common to whole patches, so normals
+    estimated from neighbours would be wrong. Errors of depth shift points along the
+    line of sight, and so the axis towards it: errors of half the ring's length
+    (standard deviations) by about one degree.
     """
     points = check_finite(points_mm, "fit_cylinder: points_mm", (None, 3))
     check_number(len(points), "fit_cylinder: number of points_mm", least=FEWEST_POINTS)
-    generator, scored = np.random.default_rng(seed), points
+    generator = np.random.default_rng(seed)
+    scored = points
     if len(points) > _SCORED_POINTS:
         scored = points[generator.choice(len(points), _SCORED_POINTS, replace=False)]
-    if (trial := _search(scored, generator)) is None:
+    trial = _search(scored, generator)
+    if trial is None:
         raise InputError("fit_cylinder: points_mm lie in one line or plane along z.")
     centre, direction, radius = _refine(points, *trial)
     signed = _residuals(points, centre, direction, radius)
     near = np.abs(signed) <= MAX_DISTANCE_MM
     if near.sum() < max(MIN_SHARE * len(points), FEWEST_POINTS):
         raise InputError(
-            f"fit_cylinder: points_mm hold no cylinder: {near.sum()} of {len(points)} lie within "
-            f"{MAX_DISTANCE_MM:g} mm of the best one. Give the points of the wall."
+            f"fit_cylinder: points_mm hold no cylinder: {near.sum()} of {len(points)} "
+            f"lie within {MAX_DISTANCE_MM:g} mm of the best one. Give the points of "
+            "the wall."
         )
     middle = np.quantile(((points - centre) @ direction)[near], (0.02, 0.98)).mean()
     return Cylinder(
@@ -121,40 +131,47 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     points = check_finite(points_mm, "distance_to_axis: points_mm", (None, 3))
     direction = np.asarray(cylinder.direction)
     length = float(np.linalg.norm(direction))
-    check_number(length, "distance_to_axis: length of the cylinder's direction", above=0)
+    check_number(
+        length, "distance_to_axis: length of the cylinder's direction", above=0
+    )
     return _residuals(points, np.asarray(cylinder.centre_mm), direction / length, 0.0)
 
 
 def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
     """Return the distance in mm at which the Gaussians of two sets cross.
 
-    It is the threshold between particles in the air and on the wall (section 3.2, Fig. 3.11).
+    It is the threshold between particles in the air and on the wall (section 3.2, Fig.
+    3.11).
 
     Parameters
     ----------
     in_air_mm, wall_mm
-        Distances from the axis, (n,) and (m,), of particles in the air and on the wall; two or
-        more each.
+        Distances from the axis, (n,) and (m,), of particles in the air and on the wall;
+        two or more each.
 
     Raises
     ------
     InputError
-        If a set has fewer than two different values, the wall's mean is not the larger one,
-        or one Gaussian is above the other all the way between the means.
+        If a set has fewer than two different values, the wall's mean is not the larger
+        one, or one Gaussian is above the other all the way between the means.
 
     Notes
     -----
-    Section 3.2 takes "expectation and standard deviation of the respective distance" and
-    names no number, so both Gaussians have area 1.
+    Section 3.2 takes "expectation and standard deviation of the respective distance"
+    and names no number, so both Gaussians have area 1.
     """
     air, wall = (
         check_finite(values, f"crossing: {name}", (None,))
         for name, values in (("in_air_mm", in_air_mm), ("wall_mm", wall_mm))
     )
     if any(len(values) < 2 or np.ptp(values) == 0 for values in (air, wall)):
-        raise InputError("crossing: in_air_mm and wall_mm must hold two different values each.")
-    low, high = float(air.mean()), float(wall.mean())
-    narrow, wide = float(air.std(ddof=1)), float(wall.std(ddof=1))
+        raise InputError(
+            "crossing: in_air_mm and wall_mm must hold two different values each."
+        )
+    low = float(air.mean())
+    high = float(wall.mean())
+    narrow = float(air.std(ddof=1))
+    wide = float(wall.std(ddof=1))
     # Twice the log of the ratio of both Gaussians, a quadratic of the distance.
     first, second = (
         np.array([1.0, -2 * mean, mean**2]) / sigma**2
@@ -162,11 +179,14 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
     )
     ratio = second - first
     ratio[-1] += 2 * np.log(wide / narrow)
-    between = [x.real for x in np.roots(ratio) if x.imag == 0 and 0 <= x.real <= high - low]
+    between = [
+        x.real for x in np.roots(ratio) if x.imag == 0 and 0 <= x.real <= high - low
+    ]
     if not between:
         raise InputError(
-            f"crossing: the Gaussians of in_air_mm, {low:.1f} +- {narrow:.1f} mm, and wall_mm, "
-            f"{high:.1f} +- {wide:.1f} mm, do not cross between ascending means."
+            f"crossing: the Gaussians of in_air_mm, {low:.1f} +- {narrow:.1f} mm, and "
+            f"wall_mm, {high:.1f} +- {wide:.1f} mm, do not cross between ascending "
+            "means."
         )
     return low + float(between[0])
 
@@ -175,10 +195,13 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
 class InAir:
     """Classify points by their distance from the axis (section 5.1.4).
 
-    Up to ``threshold_mm`` they are in the air, beyond it on the wall. `crossing` finds a threshold.
+    Up to ``threshold_mm`` they are in the air, beyond it on the wall. `crossing` finds
+    a threshold.
     """
 
-    threshold_mm: float = 800.0  # sec. 5.1.4; the Gaussians of Fig. 3.11 cross at about 760
+    threshold_mm: float = (
+        800.0  # sec. 5.1.4; the Gaussians of Fig. 3.11 cross at about 760
+    )
 
     def __post_init__(self) -> None:
         check_number(self.threshold_mm, "InAir: threshold_mm", above=0)
@@ -186,8 +209,8 @@ class InAir:
     def __call__(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
         """Return whether each point (n, 3), in mm, is within the threshold, (n,).
 
-        A row of three NaN is a detection without 3D. The thesis classifies "only particles
-        with 3D information"; such a row is False here and in `on_wall`.
+        A row of three NaN is a detection without 3D. The thesis classifies "only
+        particles with 3D information"; such a row is False here and in `on_wall`.
         """
         return _known_distance(points_mm, cylinder) <= self.threshold_mm
 
@@ -215,11 +238,13 @@ def _residuals(points: Array, centre: Array, direction: Array, radius: float) ->
     return np.asarray(np.linalg.norm(side, axis=1) - radius)
 
 
-def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array, float] | None:
+def _search(
+    points: Array, generator: np.random.Generator
+) -> tuple[Array, Array, float] | None:
     """Return centre (3,), direction (3,) and radius of the most likely trial, in mm.
 
-    ``points`` are (n, 3) in mm. A trial is one of `TRIALS` drawn directions with the circle through
-    three drawn points. None if no trial has a usable radius.
+    ``points`` are (n, 3) in mm. A trial is one of `TRIALS` drawn directions with the
+    circle through three drawn points. None if no trial has a usable radius.
     """
     middle = np.median(points, axis=0)
     local = points - middle
@@ -229,20 +254,30 @@ def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array
     directions = _draw_directions(generator)
     triples = local[generator.integers(len(points), size=(TRIALS, 3))]
     centres, radii = circles(triples, directions)
-    # A larger circle is flatter over the cloud than the maximum distance: as good as a plane.
+    # A larger circle is flatter over the cloud than the maximum distance: as good as a
+    # plane.
     flat = width**2 / (8 * MAX_DISTANCE_MM)
     usable = (radii > MAX_DISTANCE_MM) & (radii < flat)
-    # Share of the directions that keep the ends of the cloud within the maximum distance. A trial
-    # is good with this probability, times that of three inliers.
+    # Share of the directions that keep the ends of the cloud within the maximum
+    # distance. A trial is good with this probability, times that of three inliers.
     half_length = max(float(np.quantile(np.abs(local[:, 2]), 0.95)), 1e-9)
-    good = (1 - np.cos(min(MAX_DISTANCE_MM / half_length, _WIDEST))) / (1 - np.cos(_WIDEST))
-    least, best, share, tried = np.inf, -1, 0.0, 0
+    good = (1 - np.cos(min(MAX_DISTANCE_MM / half_length, _WIDEST))) / (
+        1 - np.cos(_WIDEST)
+    )
+    least = np.inf
+    best = -1
+    share = 0.0
+    tried = 0
     while tried < TRIALS and (1 - good * share**3) ** tried >= 1 - CONFIDENCE:
         batch = tried + np.flatnonzero(usable[tried : tried + _BATCH])
-        costs, shares = likelihood(local, centres[batch], directions[batch], radii[batch], width)
+        costs, shares = likelihood(
+            local, centres[batch], directions[batch], radii[batch], width
+        )
         if len(batch) and costs.min() < least:
             first = int(np.argmin(costs))
-            least, best, share = float(costs[first]), int(batch[first]), float(shares[first])
+            least = float(costs[first])
+            best = int(batch[first])
+            share = float(shares[first])
         tried += _BATCH
     if best < 0:
         return None
@@ -252,19 +287,21 @@ def _search(points: Array, generator: np.random.Generator) -> tuple[Array, Array
 def _draw_directions(generator: np.random.Generator) -> Array:
     """Return unit vectors (TRIALS, 3), even over the cone of `MAX_ANGLE_DEG` round z."""
     cosine = 1 - generator.random(TRIALS) * (1 - np.cos(_WIDEST))
-    turn, sine = generator.uniform(0, 2 * np.pi, TRIALS), np.sqrt(1 - cosine**2)
+    turn = generator.uniform(0, 2 * np.pi, TRIALS)
+    sine = np.sqrt(1 - cosine**2)
     return np.column_stack([-sine * np.sin(turn), sine * np.cos(turn), cosine])
 
 
 def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
     """Return centres (n, 3) and radii (n,) in mm of circles through triples.
 
-    The triples (n, 3, 3) are projected along the directions (n, 3), unit vectors, onto a plane
-    through the origin. Triples in line have no circle (NaN).
+    The triples (n, 3, 3) are projected along the directions (n, 3), unit vectors, onto
+    a plane through the origin. Triples in line have no circle (NaN).
     """
     heights = np.einsum("nki,ni->nk", triples, directions)
     flat = triples - heights[:, :, None] * directions[:, None]
-    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    first = flat[:, 1] - flat[:, 0]
+    second = flat[:, 2] - flat[:, 0]
     normal = np.cross(first, second)
     square = (normal**2).sum(axis=1, keepdims=True)
     weighted = (first**2).sum(axis=1, keepdims=True) * second
@@ -289,13 +326,15 @@ def likelihood(
 
     Notes
     -----
-    The distance of an inlier from the wall is Gaussian. The share of inliers is the mixing
-    coefficient of both, estimated by EM from 1/2 (Torr and Zisserman, Eqs 17, 18 and their
-    algorithm).
+    The distance of an inlier from the wall is Gaussian. The share of inliers is the
+    mixing coefficient of both, estimated by EM from 1/2 (Torr and Zisserman, Eqs 17, 18
+    and their algorithm).
     """
-    costs, mixings = np.empty(len(radii)), np.full(len(radii), 0.5)
+    costs = np.empty(len(radii))
+    mixings = np.full(len(radii), 0.5)
     for trial, cylinder in enumerate(zip(centres, directions, radii, strict=True)):
-        distance, mixing = _residuals(points, *cylinder) / _SIGMA_MM, 0.5
+        distance = _residuals(points, *cylinder) / _SIGMA_MM
+        mixing = 0.5
         inlier = np.exp(-0.5 * distance**2) / (np.sqrt(2 * np.pi) * _SIGMA_MM)
         for _ in range(5):  # Torr and Zisserman: "two or three" suffice
             share = mixing * inlier
@@ -310,13 +349,14 @@ def _refine(
 ) -> tuple[Array, Array, float]:
     """Return centre (3,), direction (3,) and radius fitted to the inliers.
 
-    The fit is least squares with soft L1. ``points`` are (n, 3) in mm; the start is a trial of
-    `_search`. The inliers are chosen anew until axis and radius stay. A single round would depend
-    on the trial, on a short arc by some centimetres of the radius.
+    The fit is least squares with soft L1. ``points`` are (n, 3) in mm; the start is a
+    trial of `_search`. The inliers are chosen anew until axis and radius stay. A single
+    round would depend on the trial, on a short arc by some centimetres of the radius.
     """
     widest = np.tan(_WIDEST)
 
-    # The five unknowns: tilt of the axis (2), its offset across z (2) and radius, both in radii.
+    # The five unknowns: tilt of the axis (2), its offset across z (2) and radius, both
+    # in radii.
     def cylinder(unknown: Array) -> tuple[Array, Array, float]:
         # A smooth map of the whole plane into the cone: no bounds are needed.
         tilt = widest * unknown[:2] / np.sqrt(1 + unknown[:2] @ unknown[:2])
@@ -327,7 +367,8 @@ def _refine(
     def cost(inliers: Array, unknown: Array) -> Array:
         return _residuals(inliers, *cylinder(unknown))
 
-    # The inverse of that map has no value at the border of the cone, so the start is inside it.
+    # The inverse of that map has no value at the border of the cone, so the start is
+    # inside it.
     tilt = _ACROSS @ direction / direction[2] / widest
     tilt *= min(1.0, 0.9 / max(float(np.linalg.norm(tilt)), 0.9))
     unknown = np.array([*(tilt / np.sqrt(1 - tilt @ tilt)), 0.0, 0.0, 1.0])
@@ -335,7 +376,8 @@ def _refine(
         near = np.abs(cost(points, unknown)) <= MAX_DISTANCE_MM
         if np.count_nonzero(near) < len(unknown):
             break
-        before, fit = unknown, partial(least_squares, partial(cost, points[near]))
+        before = unknown
+        fit = partial(least_squares, partial(cost, points[near]))
         unknown = fit(unknown, loss="soft_l1", f_scale=_SIGMA_MM, max_nfev=20).x
         if np.abs(unknown - before).max() * radius < 0.1:  # mm
             break

@@ -24,7 +24,12 @@ COUNTS = ["TP", "FP", "FN"]
 RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
 SUBSETS = ["V1", "V2", "V3", "V4", "V5"]
 # Frames per second of the recordings (thesis 2.1.4; PE granules 5.2.3).
-FRAME_RATES = {"wood chip": 330.0, "confetti": 330.0, "paper shred": 330.0, "PE granule": 153.85}
+FRAME_RATES = {
+    "wood chip": 330.0,
+    "confetti": 330.0,
+    "paper shred": 330.0,
+    "PE granule": 153.85,
+}
 
 
 QCC_CONSEQUENCE = "yes: see 'best F1 of QCC' and 'lead in F1 of QCC over DBSCAN'"
@@ -43,13 +48,16 @@ class Check(NamedTuple):
     printed: str
     recomputed: float | str  # a text for sentences about words
     agrees: bool
-    consequence: str = ""  # whether a conclusion of the thesis depends on it, if it disagrees
+    consequence: str = (
+        ""  # whether a conclusion of the thesis depends on it, if it disagrees
+    )
 
 
 def agrees(printed: str, recomputed: float) -> bool:
     """Return whether a printed number equals the recomputed one, rounded as printed.
 
-    ``"<8"`` and ``">0"`` are bounds, a final % is ignored. A tie may be rounded either way.
+    ``"<8"`` and ``">0"`` are bounds, a final % is ignored. A tie may be rounded either
+    way.
 
     Examples
     --------
@@ -69,7 +77,9 @@ def _check(
     where: str, quantity: str, printed: str, recomputed: float, consequence: str = ""
 ) -> Check:
     """Return the check of a printed number against its recomputed value."""
-    return Check(where, quantity, printed, recomputed, agrees(printed, recomputed), consequence)
+    return Check(
+        where, quantity, printed, recomputed, agrees(printed, recomputed), consequence
+    )
 
 
 def _row_name(row: pd.Series) -> str:
@@ -82,13 +92,15 @@ def _row_name(row: pd.Series) -> str:
 def printed_rates(table: str) -> pd.DataFrame:
     """Load one of `RATE_TABLES` as printed strings, indexed by `_row_name`.
 
-    One row is corrected. The last row of Table 5.6 is printed one column too far left: its 3687,
-    354, 700 are TP, FP, FN, and the 271 under FN repeats the value of V5.
+    One row is corrected. The last row of Table 5.6 is printed one column too far left:
+    its 3687, 354, 700 are TP, FP, FN, and the 271 under FN repeats the value of V5.
     """
     printed = claims.published(f"table_{table}", as_printed=True)
     if table == "5.6":
         total = printed["test_set"] == "Total"
-        printed.loc[total, COUNTS] = printed.loc[total, ["dog_local_max", "TP", "FP"]].to_numpy()
+        printed.loc[total, COUNTS] = printed.loc[
+            total, ["dog_local_max", "TP", "FP"]
+        ].to_numpy()
     return printed.set_axis(printed.apply(_row_name, axis=1))
 
 
@@ -104,7 +116,8 @@ def recomputed_rates(table: str) -> pd.DataFrame:
 def check_rates() -> Iterator[Check]:
     """Check precision, recall and F1 of `RATE_TABLES` against TP, FP and FN.
 
-    Yields one `Check` per printed rate. `RATE_CONSEQUENCES` tells which wrong ones matter.
+    Yields one `Check` per printed rate. `RATE_CONSEQUENCES` tells which wrong ones
+    matter.
     """
     for table in RATE_TABLES:
         exact = recomputed_rates(table)
@@ -114,7 +127,11 @@ def check_rates() -> Iterator[Check]:
             where = f"Table {table}, {name}"
             for rate, value in zip(exact.columns, values.tolist(), strict=True):
                 small = abs(float(row[rate]) - value) < 0.001
-                consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
+                consequence = (
+                    "no: last digits only"
+                    if small
+                    else RATE_CONSEQUENCES.get(where, "")
+                )
                 check = _check(where, rate, row[rate], value, consequence)
                 yield check._replace(consequence="") if check.agrees else check
 
@@ -128,9 +145,13 @@ def check_sums() -> Iterator[Check]:
         printed = printed_rates(table)[COUNTS].T
         sums = printed.drop(columns="Total").astype(float).sum(axis=1)
         for count in COUNTS:
-            yield _check(f"Table {table}, Total", count, printed["Total"][count], sums[count])
+            yield _check(
+                f"Table {table}, Total", count, printed["Total"][count], sums[count]
+            )
     classes = {
-        where: claims.published(where.lower().replace(" ", "_"), as_printed=True).set_index("class")
+        where: claims.published(
+            where.lower().replace(" ", "_"), as_printed=True
+        ).set_index("class")
         for where in ("Table 5.2", "Table 5.3")
     }
     for where, counted in classes.items():
@@ -141,48 +162,63 @@ def check_sums() -> Iterator[Check]:
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     """Check the sums in Table 5.2 or 5.3 (``where``), over classes and over subsets.
 
-    The rows of ``table`` must be: burning in air, non-burning in air, burning on the wall, in air
-    (the first two), amount (the first three). Cells are printed strings.
+    The rows of ``table`` must be: burning in air, non-burning in air, burning on the
+    wall, in air (the first two), amount (the first three). Cells are printed strings.
     """
     counts = table[[*SUBSETS, "amount"]].astype(float)
     for column in counts.columns:
-        for row in (3, 4):  # in air is the sum of rows 0 and 1, amount that of rows 0 to 2
-            place, total = f"{where}, {table.index[row]}", counts[column].iloc[: row - 1].sum()
+        for row in (
+            3,
+            4,
+        ):  # in air is the sum of rows 0 and 1, amount that of rows 0 to 2
+            place = f"{where}, {table.index[row]}"
+            total = counts[column].iloc[: row - 1].sum()
             yield _check(place, column, table[column].iloc[row], total)
     for name, *printed in table[["amount", *SUBSETS]].itertuples(name=None):
-        yield _check(f"{where}, {name}", "amount", printed[0], sum(map(float, printed[1:])))
+        yield _check(
+            f"{where}, {name}", "amount", printed[0], sum(map(float, printed[1:]))
+        )
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
     """Check the percentages in Tables 5.2 (depth) and 5.3 (region of interest).
 
-    Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2, ``inside`` Table
-    5.3, with the same classes in the same order; cells are printed strings.
+    Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2,
+    ``inside`` Table 5.3, with the same classes in the same order; cells are printed
+    strings.
     """
     share = "percentage_with_3d_info"
-    for (name, row), (_, kept) in zip(everything.iterrows(), inside.iterrows(), strict=True):
-        amount, where = float(row["amount"]), f"Table 5.3, {kept.name}"
+    for (name, row), (_, kept) in zip(
+        everything.iterrows(), inside.iterrows(), strict=True
+    ):
+        amount = float(row["amount"])
+        where = f"Table 5.3, {kept.name}"
         exact = 100 * float(row["with_3d_info"]) / amount
         yield _check(f"Table 5.2, {name}", share, row[share], exact)
         exact = 100 * float(kept["amount"]) / amount
         yield _check(where, "percentage of Table 5.2", kept["percentage"], exact)
         for subset in SUBSETS:  # the region of interest cannot hold more than the image
-            most, quantity = float(row[subset]), f"{subset} not above Table 5.2"
-            yield Check(where, quantity, kept[subset], most, float(kept[subset]) <= most)
+            most = float(row[subset])
+            quantity = f"{subset} not above Table 5.2"
+            yield Check(
+                where, quantity, kept[subset], most, float(kept[subset]) <= most
+            )
 
 
 def check_totals() -> Iterator[Check]:
     """Check that TP + FN of every detector is the particles of Table 5.3.
 
-    Table 5.13 is not restricted to the region of interest, so its own TP + FN is the reference
-    for Table 5.14. Table 5.13 must therefore precede Table 5.14 in `RATE_TABLES`.
+    Table 5.13 is not restricted to the region of interest, so its own TP + FN is the
+    reference for Table 5.14. Table 5.13 must therefore precede Table 5.14 in
+    `RATE_TABLES`.
     """
     inside = claims.published("table_5.3").set_index("class").T["Total"]
     quantity = "TP + FN"
     for table in RATE_TABLES:
         found = printed_rates(table)[["TP", "FN"]].astype(int).sum(axis=1)
         if table == "5.13":
-            inside, quantity = found, "TP + FN as in Table 5.13"
+            inside = found
+            quantity = "TP + FN as in Table 5.13"
             continue
         for name, printed in found.items():
             expected = float(inside[str(name) if name in inside else "amount"])
@@ -208,22 +244,34 @@ def recomputed_statements() -> dict[str, float]:
     exact = {table: recomputed_rates(table) for table in RATE_TABLES}
     f1 = {table: part["f1"] for table, part in exact.items()}
     best = {table: f1[table].max() for table in ("5.8", "5.9", "5.10")}
-    both, qcc = f1["5.11"], f1["5.10"]
+    both = f1["5.11"]
+    qcc = f1["5.10"]
     combined = both[both.index.str.startswith("Combi")]
-    gain = 100 * (combined.to_numpy() - both["2D-" + combined.index.str[6:10]].to_numpy())
+    gain = 100 * (
+        combined.to_numpy() - both["2D-" + combined.index.str[6:10]].to_numpy()
+    )
     by_alpha = [qcc[f"K={k}, alpha=0.1"] - qcc[f"K={k}, alpha=0.2"] for k in (20, 30)]
-    sift_s = claims.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
-    dbscan_s = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])["time_per_image_s"]
+    sift_s = claims.published("table_5.7").set_index("dog_local_max")[
+        "computation_time_s"
+    ]
+    dbscan_s = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])[
+        "time_per_image_s"
+    ]
     qcc_s = claims.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
     truth, detected = (
-        printed_rates(table)[COUNTS].astype(float).T["Total"] for table in ("5.13", "5.14")
+        printed_rates(table)[COUNTS].astype(float).T["Total"]
+        for table in ("5.13", "5.14")
     )
-    bias = np.abs(invert_depth(PLATE_DISTANCES_MM) - PLATE_DISTANCES_MM)  # of 1, 2, ... 11 m
+    bias = np.abs(
+        invert_depth(PLATE_DISTANCES_MM) - PLATE_DISTANCES_MM
+    )  # of 1, 2, ... 11 m
     tracking = claims.published("table_5.17")
     without = tracking[tracking["post_processing"] == "without"]
     raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
     theta = tracking[tracking["measure"] == "JSC_theta"]
-    theta = theta.pivot(index=["fraction", "algorithm"], columns="post_processing", values="value")
+    theta = theta.pivot(
+        index=["fraction", "algorithm"], columns="post_processing", values="value"
+    )
     return {
         "qcc-best": best["5.10"],
         "three-d-best": best["5.10"] - best["5.8"],
@@ -257,9 +305,10 @@ def recomputed_statements() -> dict[str, float]:
 def lance_bores_apart() -> float:
     """Return the gap in mm between two bores of the lance, 0 if they overlap.
 
-    Air flow and outlet velocity are printed at 0.5 and at 5 bar. Each pair gives the bore; as the
-    velocity is rounded to 1 m/s, it gives a range. The flow is taken at the pressure of the feed,
-    which the text does not say, and expands to ambient pressure.
+    Air flow and outlet velocity are printed at 0.5 and at 5 bar. Each pair gives the
+    bore; as the velocity is rounded to 1 m/s, it gives a range. The flow is taken at
+    the pressure of the feed, which the text does not say, and expands to ambient
+    pressure.
     """
     bar, flow_m3_h, velocity_m_s = np.array([[0.5, 5.0], [70.5, 76.6], [4.0, 16.0]])
     outlet_m3_s = flow_m3_h * (bar / AMBIENT_BAR + 1) / 3600
@@ -271,10 +320,12 @@ def lance_bores_apart() -> float:
 def check_statements() -> Iterator[Check]:
     """Check the sentences of statements.csv against `recomputed_statements`.
 
-    Sentences about words have no recomputed number. They carry their correction instead, and count
-    as wrong.
+    Sentences about words have no recomputed number. They carry their correction
+    instead, and count as wrong.
     """
-    table = pd.read_csv(paths.reference() / "statements.csv", dtype=str, keep_default_na=False)
+    table = pd.read_csv(
+        paths.reference() / "statements.csv", dtype=str, keep_default_na=False
+    )
     values = recomputed_statements()
     for _, row in table.iterrows():
         value = values.get(row["id"], row["should_be"])
@@ -289,10 +340,12 @@ def recompute() -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The fields of `Check`, and ``kind``: a printed "number", or a "sentence", which includes
-        signs, bounds and captions.
+        The fields of `Check`, and ``kind``: a printed "number", or a "sentence", which
+        includes signs, bounds and captions.
     """
     steps = (check_rates, check_sums, check_totals, check_durations, check_statements)
-    table = pd.DataFrame([check for step in steps for check in step()], columns=Check._fields)
+    table = pd.DataFrame(
+        [check for step in steps for check in step()], columns=Check._fields
+    )
     is_number = table["printed"].str.fullmatch(r"\d+(\.\d+)?%?")
     return table.assign(kind=np.where(is_number, "number", "sentence"))

@@ -24,7 +24,8 @@ class Options:
     background
         "median" of the frames around, or "none": each frame's own surroundings.
     threshold
-        Grey values: of the difference of Gaussians, or of a pixel over the background for areas.
+        Grey values: of the difference of Gaussians, or of a pixel over the background
+        for areas.
     dark
         Whether particles are darker than the background.
     small
@@ -40,8 +41,8 @@ class Options:
     memory
         Frames in a row that a track may miss.
     post_processing
-        Whether tracklets are joined and filtered as in the thesis (chapter 4.2). None: only with
-        depth and a lance.
+        Whether tracklets are joined and filtered as in the thesis (chapter 4.2). None:
+        only with depth and a lance.
     in_air_mm
         Largest distance of flying particles from the kiln's axis.
 
@@ -67,20 +68,31 @@ class Options:
     def __post_init__(self) -> None:
         check_number(self.memory, "memory", least=0, whole=True)
         for name in ("threshold", "size", "max_step", "in_air_mm"):
-            if (value := getattr(self, name)) is not None:
+            value = getattr(self, name)
+            if value is not None:
                 check_number(value, name, above=0)
         for name, length in {"roi": 4, "frames": 2}.items():
-            if (value := getattr(self, name)) is not None:
+            value = getattr(self, name)
+            if value is not None:
                 for number in check_finite(value, name, (length,)).tolist():
                     check_number(number, name, least=0, whole=True)
                 object.__setattr__(self, name, tuple(value))
-        for name, known in {"detector": ("dog", "otsu"), "background": BACKGROUNDS}.items():
+        for name, known in {
+            "detector": ("dog", "otsu"),
+            "background": BACKGROUNDS,
+        }.items():
             if getattr(self, name) not in (None, *known):
-                raise InputError(f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}.")
+                raise InputError(
+                    f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}."
+                )
 
     def check(self, recording: Recording) -> None:
         """Raise an `InputError` if frames or region are not in the recording."""
         most = (len(recording), *recording.attributes.size)
         ends = (self.frames or (0, most[0])) + (self.roi or (0, most[1], 0, most[2]))
-        if not all(a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)):
-            raise InputError(f"frames and roi: {ends} end before they begin, or beyond {most}.")
+        if not all(
+            a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)
+        ):
+            raise InputError(
+                f"frames and roi: {ends} end before they begin, or beyond {most}."
+            )

@@ -22,23 +22,28 @@ WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not 
 CONE = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
 DEPTH_SCATTER_MM = 438.0  # two RMSE in depth (Table 5.18)
 ACROSS_SCATTER_MM = 38.0  # two RMSE across (Table 5.18)
-BEYOND_S, BEYOND_MM = 0.05, 300.0  # of flight after the last detection; not printed
+BEYOND_S = 0.05
+BEYOND_MM = 300.0  # of flight after the last detection; not printed
 LAST_S = 0.02  # of detections whose mean velocity leads on; not printed
 FACTOR = 2.0  # on the air's velocity; ours, from Table 5.18
 BEHIND_MM = 219.0  # farther from the camera than the exit; RMSE of Table 5.18
-# Beyond the limit of what is in the air; ours: wall particles at 700 and more of 800, sec. 5.1.4
+# Beyond the limit of what is in the air; ours: wall particles at 700 and more of 800,
+# sec. 5.1.4
 OUTSIDE_MM = 100.0
-LEAVES, BEHIND, TOO_FAST = "leaves the kiln", "turns back behind the lance", "faster than the air"
+LEAVES = "leaves the kiln"
+BEHIND = "turns back behind the lance"
+TOO_FAST = "faster than the air"
 
 
 def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     """Return whether a trajectory starts at the lance, and its distance from it in mm.
 
-    Only trajectories from the lance are analysed further (section 4.2.5, Fig. 4.21). ``places_mm``
-    (n, 3) are x, y, z of the track's detections in order of time, NaN without depth. Three scalar
-    medians are taken over the first `FIRST_POINTS` of them with depth: of the depth travelled from
-    the outlet, of the distance from the lance's axis, and of the distance from the outlet. The last
-    is returned for the table and not tested. A trajectory starts at the lance if
+    Only trajectories from the lance are analysed further (section 4.2.5, Fig. 4.21).
+    ``places_mm`` (n, 3) are x, y, z of the track's detections in order of time, NaN
+    without depth. Three scalar medians are taken over the first `FIRST_POINTS` of them
+    with depth: of the depth travelled from the outlet, of the distance from the lance's
+    axis, and of the distance from the outlet. The last is returned for the table and
+    not tested. A trajectory starts at the lance if
 
     1. the depth travelled is at most `WITHIN_MM`, and at least -`DEPTH_SCATTER_MM`;
     2. the distance from the axis is within a cone that widens by `CONE` with the depth;
@@ -52,15 +57,16 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
 
     Notes
     -----
-    The thesis prints no criterion (secs 4.2.5 and 5.3.1); these are ours. Particles are "probably
-    not captured" until several frames after the lance (sec. 4.3), so first positions lie some way
-    from it. One wrong depth changes a median little. (1) `WITHIN_MM` is one slice of Eq. 5.8, so
-    that the first slice was observed; depths scatter by `DEPTH_SCATTER_MM`. (2) Paper shreds "touch
-    the side walls before moving far" (sec. 5.3.1). So the cone widens from the exit to the wall,
-    700 mm away, in the first metre, plus the scatter of Table 5.18. (3) At the earliest t0 the
-    polynomials found no way back to the lance. The latest is allowed: the particle was detected
-    from the exit on. (4) Polynomials that start backwards have found an exit that the particle did
-    not take. Tracks without a fit are judged by their place in the picture
+    The thesis prints no criterion (secs 4.2.5 and 5.3.1); these are ours. Particles are
+    "probably not captured" until several frames after the lance (sec. 4.3), so first
+    positions lie some way from it. One wrong depth changes a median little. (1)
+    `WITHIN_MM` is one slice of Eq. 5.8, so that the first slice was observed; depths
+    scatter by `DEPTH_SCATTER_MM`. (2) Paper shreds "touch the side walls before moving
+    far" (sec. 5.3.1). So the cone widens from the exit to the wall, 700 mm away, in the
+    first metre, plus the scatter of Table 5.18. (3) At the earliest t0 the polynomials
+    found no way back to the lance. The latest is allowed: the particle was detected
+    from the exit on. (4) Polynomials that start backwards have found an exit that the
+    particle did not take. Tracks without a fit are judged by their place in the picture
     (`kilnflight.experiments.flights.track_scores.from_lance`).
     """
     known = places_mm[~np.isnan(places_mm).any(axis=1)][:FIRST_POINTS]
@@ -79,8 +85,9 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     """Return positions (n, 3) in mm, on a straight line after the last detection.
 
-    ``time_s`` (n,) or one number is on the fit's clock. Polynomials diverge quickly outside their
-    data, and so do their slopes at its end. So the mean velocity of the last `LAST_S` leads on.
+    ``time_s`` (n,) or one number is on the fit's clock. Polynomials diverge quickly
+    outside their data, and so do their slopes at its end. So the mean velocity of the
+    last `LAST_S` leads on.
     """
     time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     observed = np.minimum(time, fit.last_s)
@@ -106,14 +113,16 @@ class FlightEnd(NamedTuple):
 def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     """Return whether, when and where a trajectory ends on the wall (section 3.2).
 
-    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A flight lands if
-    it reaches the limit between first and last detection, or on a straight line within `BEYOND_S`
-    and `BEYOND_MM` of the last one. Otherwise it ends in the air, with the last detection.
+    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A
+    flight lands if it reaches the limit between first and last detection, or on a
+    straight line within `BEYOND_S` and `BEYOND_MM` of the last one. Otherwise it ends
+    in the air, with the last detection.
 
     Notes
     -----
-    The thesis ends a flight "by means of the 3D particle classification" and says no more.
-    Detections on the wall are left out before tracking, so a track ends short of the limit.
+    The thesis ends a flight "by means of the 3D particle classification" and says no
+    more. Detections on the wall are left out before tracking, so a track ends short of
+    the limit.
     """
 
     def outside(t: npt.ArrayLike) -> Array:
@@ -122,7 +131,9 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
 
     count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
     observed = np.linspace(fit.first_s, fit.last_s, count)
-    beyond_s = min(BEYOND_S, BEYOND_MM / max(float(np.linalg.norm(_last_velocity(fit))), 1.0))
+    beyond_s = min(
+        BEYOND_S, BEYOND_MM / max(float(np.linalg.norm(_last_velocity(fit))), 1.0)
+    )
     later = fit.last_s + np.append(np.arange(0.0, beyond_s, STEP_S)[1:], beyond_s)
     time = np.concatenate([observed, later])
     off = outside(time)
@@ -142,18 +153,20 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
 class Plausible:
     """Reject flights whose fitted trajectory is impossible.
 
-    Sampled every millisecond from t0 to the end of the flight, a trajectory is impossible if it is
-    (1) more than `OUTSIDE_MM` outside the limit of what is in the air, or behind the camera;
-    (2) more than `BEHIND_MM` behind the lance; (3) faster than `FACTOR` times the air.
+    Sampled every millisecond from t0 to the end of the flight, a trajectory is
+    impossible if it is (1) more than `OUTSIDE_MM` outside the limit of what is in the
+    air, or behind the camera; (2) more than `BEHIND_MM` behind the lance; (3) faster
+    than `FACTOR` times the air.
 
     Notes
     -----
-    The thesis rejects connections that jump too far (sec. 4.2.3), but no flight: of negative
-    velocities it says that relatively large ones "might be due to camera inaccuracy and faulty
-    tracking results", and Fig. 5.23 keeps them (sec. 5.3.1). Rejection and its limits are ours.
-    The air leaves the lance with about 16 m/s at 5 bar (sec. 2.1.1), and nothing else drives a
-    particle. The factor allows for the scatter of depth. A metre whose ends are both off by 219
-    mm, the largest RMSE of Table 5.18, appears 1 / (1 - 0.438) = 1.8 times as fast.
+    The thesis rejects connections that jump too far (sec. 4.2.3), but no flight: of
+    negative velocities it says that relatively large ones "might be due to camera
+    inaccuracy and faulty tracking results", and Fig. 5.23 keeps them (sec. 5.3.1).
+    Rejection and its limits are ours. The air leaves the lance with about 16 m/s at 5
+    bar (sec. 2.1.1), and nothing else drives a particle. The factor allows for the
+    scatter of depth. A metre whose ends are both off by 219 mm, the largest RMSE of
+    Table 5.18, appears 1 / (1 - 0.438) = 1.8 times as fast.
     """
 
     air_m_s: float = 16.0  # m/s, at the lance's outlet, 5 bar, sec. 2.1.1
@@ -169,13 +182,17 @@ class Plausible:
     def __call__(self, fit: Fit, end_s: float, wall: Cylinder, in_air: InAir) -> str:
         """Return the reason for rejection; empty if accepted.
 
-        The reason is `LEAVES`, `BEHIND` or `TOO_FAST`, the first that holds anywhere between t0 and
-        ``end_s``, on the fit's clock.
+        The reason is `LEAVES`, `BEHIND` or `TOO_FAST`, the first that holds anywhere
+        between t0 and ``end_s``, on the fit's clock.
         """
-        count = min(max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1), 1_000_000)  # of a stray frame
+        count = min(
+            max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1), 1_000_000
+        )  # of a stray frame
         time = np.linspace(fit.t0, end_s, count)
         places = straight_on(fit, time)
-        speed = np.linalg.norm(fit.velocity(np.minimum(time, fit.last_s)), axis=1) / 1000
+        speed = (
+            np.linalg.norm(fit.velocity(np.minimum(time, fit.last_s)), axis=1) / 1000
+        )
         outside = distance_to_axis(places, wall) - in_air.threshold_mm
         reasons = {
             LEAVES: (outside > OUTSIDE_MM) | (places[:, 2] < 0),

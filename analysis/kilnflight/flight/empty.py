@@ -19,12 +19,14 @@ EMPTY_FRAMES = 21  # whose median is the kiln without particles; ours
 def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> Array:
     """Return the kiln's mean grey value (n,) behind each detection's disc.
 
-    ``detections`` has row, col and radius_px. The kiln is the median of `EMPTY_FRAMES` pictures
-    spread over ``frames``. `kilnflight.ignition.Ignition` compares a particle's grey values with
-    it.
+    ``detections`` has row, col and radius_px. The kiln is the median of `EMPTY_FRAMES`
+    pictures spread over ``frames``. `kilnflight.ignition.Ignition` compares a
+    particle's grey values with it.
     """
     picture = _empty_kiln(source, frames).astype(np.float64)
-    return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
+    return mean_gray(
+        picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64)
+    )
 
 
 @lru_cache(maxsize=1)  # a study reads one recording's flights several times

@@ -21,24 +21,30 @@ from kilnflight.tables import AXES, DETECTIONS, FLIGHTS, Table, order_tracks
 
 # frame, row, col, gray, x, y, z
 FLOWN = Table("tracks of flights", *DETECTIONS.columns[:3], *DETECTIONS.columns[4:8])
-LANDED, BURNT_OUT, LEFT, LOST = "landed", "burnt out", "left the view", "lost"
+LANDED = "landed"
+BURNT_OUT = "burnt out"
+LEFT = "left the view"
+LOST = "lost"
 UNTESTED = IgnitionResult(NONE)
-EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the gate of sec. 3.3
+# from the border of the view, and to a track that goes on: the gate of sec. 3.3
+EDGE_PX = 45.0
 
 
 @dataclass(frozen=True)
 class Rules:
     """Criteria of flights that differ between recordings.
 
-    ``ignition`` depends on the camera's grey values, ``plausible`` on the air's velocity. The
-    thesis rejects no flight (`kilnflight.flight.Plausible`).
+    ``ignition`` depends on the camera's grey values, ``plausible`` on the air's
+    velocity. The thesis rejects no flight (`kilnflight.flight.Plausible`).
 
-    The test of grey values is made for papers only (section 5.3.2). Without it a flight has no
-    ignition and does not burn out.
+    The test of grey values is made for papers only (section 5.3.2). Without it a flight
+    has no ignition and does not burn out.
     """
 
     ignition: Ignition | None = field(default_factory=Ignition)  # None: not tested
-    plausible: Plausible | None = field(default_factory=Plausible)  # None: none is rejected
+    plausible: Plausible | None = field(
+        default_factory=Plausible
+    )  # None: none is rejected
 
 
 class FieldOfView(NamedTuple):
@@ -67,15 +73,16 @@ def flights(
 ) -> pd.DataFrame:
     """Return the flights of fitted tracks, one row each.
 
-    The table is `kilnflight.tables.FLIGHTS`. The dwell time runs from t0 to landing, unlit (Fig.
-    5.18 a) or burning (b), or to burning out in the air (c).
+    The table is `kilnflight.tables.FLIGHTS`. The dwell time runs from t0 to landing,
+    unlit (Fig. 5.18 a) or burning (b), or to burning out in the air (c).
 
     Parameters
     ----------
     tracks
-        Columns frame, particle, row, col (px), gray, x, y, z (mm). Particle -1 and tracks without
-        a fit are left out. A column ``background``, if there is one, holds the grey value behind
-        each detection (`kilnflight.flight.empty.background_gray`).
+        Columns frame, particle, row, col (px), gray, x, y, z (mm). Particle -1 and
+        tracks without a fit are left out. A column ``background``, if there is one,
+        holds the grey value behind each detection
+        (`kilnflight.flight.empty.background_gray`).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air
@@ -89,23 +96,28 @@ def flights(
 
     Notes
     -----
-    A track that ends in the air burnt out if it burnt. An unlit one that ends within `EDGE_PX` of
-    the region's border has left the view: "their actual flight time is longer than computed"
-    (appendix A.1). A burning one there is lost: of those that rise into the edge, "flight and
-    burning behavior cannot be analyzed" (A.1). So is any other unlit one, what the recording cuts,
-    and what goes on as another track, as where a track is cut (`kilnflight.tracklets.Cutting`).
-    The dwell time of what left or was lost is a lower bound. Ignition is searched up to the
-    landing, since the wall ignites all that land (section 5.1.1).
+    A track that ends in the air burnt out if it burnt. An unlit one that ends within
+    `EDGE_PX` of the region's border has left the view: "their actual flight time is
+    longer than computed" (appendix A.1). A burning one there is lost: of those that
+    rise into the edge, "flight and burning behavior cannot be analyzed" (A.1). So is
+    any other unlit one, what the recording cuts, and what goes on as another track, as
+    where a track is cut (`kilnflight.tracklets.Cutting`). The dwell time of what left
+    or was lost is a lower bound. Ignition is searched up to the landing, since the wall
+    ignites all that land (section 5.1.1).
     """
-    rules, view = rules or Rules(), view or FieldOfView()
+    rules = rules or Rules()
+    view = view or FieldOfView()
     check_number(frame_rate_hz, "flights: frame_rate_hz", above=0)
     order, particle, _ = order_tracks(tracks, where := "flights: tracks")
     table = FLOWN.check(tracks, where)
     if "background" in tracks:
-        table["background"] = check_finite(tracks["background"], f"{where}: column background")
+        table["background"] = check_finite(
+            tracks["background"], f"{where}: column background"
+        )
     table = table.iloc[order].assign(particle=particle)
     by_particle = dict(iter(table.groupby("particle")))
-    starts, rows = table.groupby("particle").head(1), []
+    starts = table.groupby("particle").head(1)
+    rows = []
     for name, fit in fits.items():
         if name not in by_particle:
             raise InputError(f"flights: tracks: no particle {name}, which has a fit.")
@@ -115,7 +127,9 @@ def flights(
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
         if row["ending"] != LANDED:
-            if _cut_off(track, frame_rate_hz, view) or _goes_on(track, starts, frame_rate_hz):
+            if _cut_off(track, frame_rate_hz, view) or _goes_on(
+                track, starts, frame_rate_hz
+            ):
                 row["ending"] = LOST
             elif _at_border(track, view):
                 row["ending"] = LOST if row["ending"] == BURNT_OUT else LEFT
@@ -124,12 +138,17 @@ def flights(
 
 
 def _flight(
-    track: pd.DataFrame, fit: Fit, wall: Cylinder, in_air: InAir, rate_hz: float, rules: Rules
+    track: pd.DataFrame,
+    fit: Fit,
+    wall: Cylinder,
+    in_air: InAir,
+    rate_hz: float,
+    rules: Rules,
 ) -> dict[str, float | str | bool]:
     """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
 
-    ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame rate. The
-    ending is decided from this track alone; `flights` corrects it.
+    ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame
+    rate. The ending is decided from this track alone; `flights` corrects it.
     """
     from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
     landed, end_s, wall_mm = end_of(fit, wall, in_air)
@@ -138,7 +157,8 @@ def _flight(
         end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
     behind = track["background"].to_numpy()[flying] if "background" in track else None
-    gray, lit = track["gray"].to_numpy()[flying], UNTESTED
+    gray = track["gray"].to_numpy()[flying]
+    lit = UNTESTED
     if rules.ignition is not None:
         lit = rules.ignition(time[flying], gray, behind)
     burning = lit.outcome == SEEN
@@ -169,22 +189,28 @@ def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
 
 
 def _at_border(track: pd.DataFrame, view: FieldOfView) -> bool:
-    """Return whether the last detection is outside the region or within `EDGE_PX` of its border."""
+    """Return whether the last detection is outside the region or within `EDGE_PX` of
+    its border.
+    """
     if view.roi is None:
         return False
     last = track.iloc[-1]
     corners = check_finite(view.roi, "flights: view.roi", (None, 2))
     place = (float(last["row"]), float(last["col"]))
-    return cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True) < EDGE_PX
+    return (
+        cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
+        < EDGE_PX
+    )
 
 
 def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
     """Return whether another track continues this one.
 
-    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection. ``starts`` holds the
-    first detection of every track.
+    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection. ``starts``
+    holds the first detection of every track.
     """
-    last, places = track.iloc[-1], ["row", "col"]
+    last = track.iloc[-1]
+    places = ["row", "col"]
     after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
     apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)
     return bool(((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any())

@@ -22,8 +22,8 @@ def space_sliced_velocity(
 ) -> pd.DataFrame:
     """Return the mean velocity in depth over each slice, in m/s (Eq. 5.8).
 
-    ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n slices
-    from the lance towards the camera, t_0 when it leaves the lance.
+    ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n
+    slices from the lance towards the camera, t_0 when it leaves the lance.
 
     Parameters
     ----------
@@ -38,35 +38,40 @@ def space_sliced_velocity(
     -------
     DataFrame
         ``slice_m``: far end of the slice; ``start_s``, ``end_s``: t_(n-1), t_n;
-        ``velocity_m_s``; ``reached``; ``observed``: reached after the first detection. One row
-        for every slice between lance and camera, and for each slice behind the lance that was
-        reached. The velocity is NaN where ``reached`` is False.
+        ``velocity_m_s``; ``reached``; ``observed``: reached after the first detection.
+        One row for every slice between lance and camera, and for each slice behind the
+        lance that was reached. The velocity is NaN where ``reached`` is False.
 
     Raises
     ------
     InputError
-        If ``slice_m`` is not above 0 or gives more than `MOST` slices, or the flight ends
-        before t_0.
+        If ``slice_m`` is not above 0 or gives more than `MOST` slices, or the flight
+        ends before t_0.
 
     Notes
     -----
-    Readings. (1) Only the span from t_0 to the last detection counts: polynomials are no
-    observation afterwards. (2) "First": later returns change nothing, so V_n is positive for every
-    slice in front of the lance. The thesis shows negative velocities, "reverse motions towards the
-    lance": small ones "probably" of a vortex, "relatively large" ones perhaps of camera and
-    tracking (section 5.3.1). It does not say how Eq. 5.8 gives them. Here they belong to slices -1,
-    -2, ... behind the lance, V_n = -slice / (t_n - t_(n+1)). Flights that are not rejected
-    (`kilnflight.flight.Plausible`) have none. (3) The motion between t_0 and the first detection
-    counts, as published; ``observed`` marks it. (4) The distance is the difference of depths, not
-    the path.
+    Readings. (1) Only the span from t_0 to the last detection counts: polynomials are
+    no observation afterwards. (2) "First": later returns change nothing, so V_n is
+    positive for every slice in front of the lance. The thesis shows negative
+    velocities, "reverse motions towards the lance": small ones "probably" of a vortex,
+    "relatively large" ones perhaps of camera and tracking (section 5.3.1). It does not
+    say how Eq. 5.8 gives them. Here they belong to slices -1, -2, ... behind the lance,
+    V_n = -slice / (t_n - t_(n+1)). Flights that are not rejected
+    (`kilnflight.flight.Plausible`) have none. (3) The motion between t_0 and the first
+    detection counts, as published; ``observed`` marks it. (4) The distance is the
+    difference of depths, not the path.
     """
     check_number(slice_m, "space_sliced_velocity: slice_m", least=1e-6)
     end = float(np.minimum(fit.last_s, until_s) - fit.t0)
     if not end > 0:
-        raise InputError(f"space_sliced_velocity: until_s or fit ends {end} s after t0.")
+        raise InputError(
+            f"space_sliced_velocity: until_s or fit ends {end} s after t0."
+        )
     count = int(max(fit.exit_point_mm[2], 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
     if count > MOST:
-        raise InputError(f"space_sliced_velocity: slice_m {slice_m} gives {count} slices.")
+        raise InputError(
+            f"space_sliced_velocity: slice_m {slice_m} gives {count} slices."
+        )
     parts = []
     for length in (-slice_m, slice_m):
         reached = _reached(fit, end, 1000.0 * length)
@@ -74,7 +79,8 @@ def space_sliced_velocity(
         times = np.full(len(number) + 1, np.nan)
         times[: len(reached) + 1] = [0.0, *reached][: len(times)]
         part = pd.DataFrame({"slice_m": number * length})
-        part["start_s"], part["end_s"] = fit.t0 + times[:-1], fit.t0 + times[1:]
+        part["start_s"] = fit.t0 + times[:-1]
+        part["end_s"] = fit.t0 + times[1:]
         part["velocity_m_s"] = length / np.diff(times)
         part["reached"] = number <= len(reached)
         part["observed"] = fit.t0 + times[1:] >= fit.first_s
@@ -82,7 +88,9 @@ def space_sliced_velocity(
     return pd.concat([parts[0][::-1], parts[1]], ignore_index=True)
 
 
-def slices(fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None) -> pd.DataFrame:
+def slices(
+    fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None
+) -> pd.DataFrame:
     """Return the velocities over slices of 1 m of many flights, in m/s.
 
     The table is `kilnflight.tables.SLICES`, without slices that were not reached.
@@ -92,7 +100,8 @@ def slices(fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None) -
     fits
         By particle.
     ends_s
-        By particle: the end of its flight in s, where it is known; else the last detection.
+        By particle: the end of its flight in s, where it is known; else the last
+        detection.
     """
     parts = []
     for particle, fit in fits.items():
@@ -118,10 +127,13 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per slice: ``slice_m``, ``number`` of particles, ``share`` of ``counted`` (0 to 1)
-        and ``median_m_s``.
+        One row per slice: ``slice_m``, ``number`` of particles, ``share`` of
+        ``counted`` (0 to 1) and ``median_m_s``.
     """
-    columns = {"number": ("particle", "nunique"), "median_m_s": ("velocity_m_s", "median")}
+    columns = {
+        "number": ("particle", "nunique"),
+        "median_m_s": ("velocity_m_s", "median"),
+    }
     table = sliced.groupby("slice_m").agg(**columns).reset_index()
     table.insert(2, "share", table["number"] / max(counted, 1))
     return table
@@ -130,8 +142,8 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
 def _reached(fit: Fit, end: float, step: float) -> list[float]:
     """Return the ages in s at which the depth travelled first is 1, 2, ... steps.
 
-    ``step`` is in mm, below 0 for slices behind the lance; ``end`` is the age at the end of the
-    flight. Ages count from t0.
+    ``step`` is in mm, below 0 for slices behind the lance; ``end`` is the age at the
+    end of the flight. Ages count from t0.
     """
     factors = -check_finite(fit.coefficients[2], "space_sliced_velocity: fit")
 
@@ -139,16 +151,20 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
         """Return the depth travelled, in steps, at ages in s; below 0: the other side."""
         return np.asarray(np.polyval(np.append(factors[::-1], 0.0), at) / step)
 
-    # Between these ages the distance is monotone. The real part of a complex root does no harm,
-    # and a double root that rounding makes complex is kept.
+    # Between these ages the distance is monotone. The real part of a complex root does
+    # no harm, and a double root that rounding makes complex is kept.
     slope = factors * np.arange(1, len(factors) + 1) * end ** np.arange(len(factors))
     slope[np.abs(slope) <= 1e-14 * np.abs(slope).max(initial=0.0)] = 0.0
     age = np.append([0.0, end], end * np.roots(slope[::-1]).real)
     age = np.unique(age[(age >= 0.0) & (age <= end)])
-    furthest = np.maximum.accumulate(check_finite(far(age), "space_sliced_velocity: fit"))
+    furthest = np.maximum.accumulate(
+        check_finite(far(age), "space_sliced_velocity: fit")
+    )
     reached = []
     for level in range(1, min(int(furthest[-1]), MOST) + 1):
-        k = int(np.searchsorted(furthest, level))  # >= 1: the first age is 0, at the lance
+        k = int(
+            np.searchsorted(furthest, level)
+        )  # >= 1: the first age is 0, at the lance
         rise = (age[k - 1], age[k])
         reached.append(brentq(lambda t, level=level: far(t) - level, *rise, xtol=1e-12))
     return reached

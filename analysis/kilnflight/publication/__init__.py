@@ -1,1 +1,3 @@
-"""What the project publishes: figures, claims, choices, notebooks, fetched data; no physics."""
+"""What the project publishes: figures, claims, choices, notebooks, fetched data; no
+physics.
+"""

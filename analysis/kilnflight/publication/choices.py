@@ -1,8 +1,10 @@
-"""Choices that no work prints: load them, compare both values, name the verdicts that turn.
+"""Choices that no work prints: load them, compare both values, name the verdicts that
+turn.
 
-data/reference/choices.csv has one row for each choice: what is not printed, what is chosen, what
-else could be, and what decides. A chapter's notebook computes the result with both values once and
-hands it to `kilnflight.publication.figures.conclude`. Notebook 01 shows all of them.
+data/reference/choices.csv has one row for each choice: what is not printed, what is
+chosen, what else could be, and what decides. A chapter's notebook computes the result
+with both values once and hands it to `kilnflight.publication.figures.conclude`.
+Notebook 01 shows all of them.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import index, paths
 
-# What can decide a choice. Sentences and the authors' programs are evidence; the others are not.
+# What can decide a choice. Sentences and the authors' programs are evidence; the others
+# are not.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
 UNDECIDED = ("identified", "assumption")
 
@@ -56,7 +59,8 @@ def compare(
     quantity
         What is compared, with its unit.
     chosen, other
-        Result with our value and with the other one: a number, or a text of at most 60 characters.
+        Result with our value and with the other one: a number, or a text of at most 60
+        characters.
     turns
         Claims whose verdict differs, from `turned`; None: none was judged.
 
@@ -66,7 +70,9 @@ def compare(
         If the id is unknown or a text is too long.
     """
     if choice_id not in load().index:
-        raise InputError(f"no choice {choice_id!r} in data/reference/choices.csv; check the id.")
+        raise InputError(
+            f"no choice {choice_id!r} in data/reference/choices.csv; check the id."
+        )
     return Comparison(
         id=choice_id,
         quantity=quantity,
@@ -83,12 +89,15 @@ def _short(choice_id: str, value: object) -> str:
     text = str(value)
     if len(text) > claims.MEASURED:
         raise InputError(
-            f"choice {choice_id}: {text!r} has {len(text)} characters of {claims.MEASURED}."
+            f"choice {choice_id}: {text!r} has {len(text)} characters of "
+            f"{claims.MEASURED}."
         )
     return text
 
 
-def turned(checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]) -> dict[str, str]:
+def turned(
+    checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]
+) -> dict[str, str]:
     """Return the claims whose verdict differs, each with both: "reproduced -> open".
 
     The first verdict is that of ``checks``, the second that of ``others``.
@@ -105,8 +114,11 @@ def turned(checks: Iterable[claims.Verdict], others: Iterable[claims.Verdict]) -
 def opened(
     verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return verdicts, open where they turn with a choice that neither text nor tools decide."""
-    decided_by, turning = load()["decided_by"], set[str]()
+    """Return verdicts, open where they turn with a choice that neither text nor tools
+    decide.
+    """
+    decided_by = load()["decided_by"]
+    turning = set[str]()
     for each in comparisons:
         if decided_by[each["id"]] in UNDECIDED:
             turning |= set(each["turns"])
@@ -133,15 +145,18 @@ def collect() -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns of choices.csv; ``quantity``, ``result_chosen`` and ``result_other``, one entry
-        for each comparison, joined by semicolons; ``verdicts_that_turn``, ids of claims;
-        ``notebook``. Empty where no notebook compared.
+        The columns of choices.csv; ``quantity``, ``result_chosen`` and
+        ``result_other``, one entry for each comparison, joined by semicolons;
+        ``verdicts_that_turn``, ids of claims; ``notebook``. Empty where no notebook
+        compared.
     """
     table = load()
     texts = {"quantity": "quantity", "result_chosen": "chosen", "result_other": "other"}
     for column in (*texts, "verdicts_that_turn", "notebook"):
         table[column] = ""
-    rows = pd.DataFrame(compared(), columns=["id", *texts.values(), "turns", "notebook"])
+    rows = pd.DataFrame(
+        compared(), columns=["id", *texts.values(), "turns", "notebook"]
+    )
     for choice_id, part in rows.groupby("id"):
         for column, name in texts.items():
             table.loc[choice_id, column] = "; ".join(part[name])

@@ -1,9 +1,9 @@
 """Published values and claims: load them, compare, give a verdict.
 
-The tables are kept as printed, misprints included (`kilnflight.experiments.errata` lists those).
-A claim is a sentence of one of the three works (data/reference/claims.csv). A notebook tests it in
-one line on a table that it has just saved: `check`. The rules of a verdict stand in
-docs/limits.md.
+The tables are kept as printed, misprints included (`kilnflight.experiments.errata`
+lists those). A claim is a sentence of one of the three works
+(data/reference/claims.csv). A notebook tests it in one line on a table that it has just
+saved: `check`. The rules of a verdict stand in docs/limits.md.
 """
 
 from __future__ import annotations
@@ -17,12 +17,16 @@ import pandas as pd
 from kilnflight.checks import InputError
 from kilnflight.store import paths
 
-REPRODUCED, NOT_REPRODUCED, OPEN = "reproduced", "not reproduced", "open"
+REPRODUCED = "reproduced"
+NOT_REPRODUCED = "not reproduced"
+OPEN = "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
-# Why a claim is not reproduced: the work's method or statement fails, ours differs or may, a choice
-# that nothing decides, an input of the simulation, other recordings, a misprint.
+# Why a claim is not reproduced: the work's method or statement fails, ours differs or
+# may, a choice that nothing decides, an input of the simulation, other recordings, a
+# misprint.
 CAUSES = ("work", "implementation", "choice", "twin", "data", "misprint")
-MEASURED, REASON = 60, 160  # characters
+MEASURED = 60
+REASON = 160  # characters
 
 
 @dataclass(frozen=True)
@@ -31,9 +35,8 @@ class Verdict:
 
     id: str
     verdict: str  # one of `VERDICTS`
-    because: (
-        str  # one of `CAUSES` if it is not reproduced; "choice" if that leaves it open; else ""
-    )
+    # one of `CAUSES` if it is not reproduced; "choice" if that leaves it open; else ""
+    because: str
     measured: str  # at most 60 characters
     published: str  # sentence of the claim
     reason: str = ""  # one sentence
@@ -59,7 +62,11 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     if Path(name).name != name or not path.is_file():
         names = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
         raise InputError(f"no published table {name!r}; there are {names}.")
-    return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
+    return (
+        pd.read_csv(path, dtype=str, keep_default_na=False)
+        if as_printed
+        else pd.read_csv(path)
+    )
 
 
 def load() -> pd.DataFrame:
@@ -67,13 +74,16 @@ def load() -> pd.DataFrame:
     return pd.read_csv(paths.reference() / "claims.csv", index_col="id")
 
 
-def check(claim_id: str, holds: bool | None, measured: object = "", reason: str = "") -> Verdict:
+def check(
+    claim_id: str, holds: bool | None, measured: object = "", reason: str = ""
+) -> Verdict:
     """Return the verdict on a claim: reproduced, not reproduced or open.
 
     Parameters
     ----------
     claim_id
-        Id in data/reference/claims.csv, which also holds the sentence and the cause of a failure.
+        Id in data/reference/claims.csv, which also holds the sentence and the cause of
+        a failure.
     holds
         Whether the claim holds; None (open) if neither outcome is shown.
     measured
@@ -88,18 +98,32 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
     """
     claims = load()
     if claim_id not in claims.index:
-        raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
+        raise InputError(
+            f"no claim {claim_id!r} in data/reference/claims.csv; check the id."
+        )
     if not isinstance(holds, bool | np.bool_ | None):
-        raise InputError(f"claim {claim_id}: holds={holds!r} is neither True, False nor None.")
+        raise InputError(
+            f"claim {claim_id}: holds={holds!r} is neither True, False nor None."
+        )
     if len(reason) > REASON:
-        raise InputError(f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters.")
+        raise InputError(
+            f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters."
+        )
     if isinstance(measured, pd.Series):
         measured = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
-    text = f"{measured:.4g}".replace("nan", "-") if isinstance(measured, float) else str(measured)
+    text = (
+        f"{measured:.4g}".replace("nan", "-")
+        if isinstance(measured, float)
+        else str(measured)
+    )
     short = text if len(text) <= MEASURED else text[: MEASURED - 3] + "..."
     verdict = OPEN if holds is None else REPRODUCED if holds else NOT_REPRODUCED
-    cause = str(claims["cause"].fillna("")[claim_id]) if verdict == NOT_REPRODUCED else ""
-    return Verdict(claim_id, verdict, cause, short, str(claims.loc[claim_id, "sentence"]), reason)
+    cause = (
+        str(claims["cause"].fillna("")[claim_id]) if verdict == NOT_REPRODUCED else ""
+    )
+    return Verdict(
+        claim_id, verdict, cause, short, str(claims.loc[claim_id, "sentence"]), reason
+    )
 
 
 def all_of(*answers: bool | None) -> bool | None:
@@ -118,7 +142,9 @@ def beyond(low: float, high: float) -> bool | None:
 
 
 def above(draws: pd.Series) -> bool | None:
-    """Return whether draws of a difference lie above 0 (95 %); None (open) if not all on a side."""
+    """Return whether draws of a difference lie above 0 (95 %); None (open) if not all
+    on a side.
+    """
     return beyond(*draws.quantile([0.025, 0.975]))
 
 

@@ -1,9 +1,10 @@
 """The authors' public data: fetch, check, find.
 
-The files are not ours to ship (their repository names no licence): ``make data`` fetches them
-where there is a network, and everything works without them. If ``KILNFLIGHT_EXTERNAL`` is set,
-they are read from that folder. No file is used before its SHA-256 is right. A folder that
-``KILNFLIGHT_RECORDINGS`` names holds the user's recordings and is not looked at here.
+The files are not ours to ship (their repository names no licence): ``make data``
+fetches them where there is a network, and everything works without them. If
+``KILNFLIGHT_EXTERNAL`` is set, they are read from that folder. No file is used before
+its SHA-256 is right. A folder that ``KILNFLIGHT_RECORDINGS`` names holds the user's
+recordings and is not looked at here.
 """
 
 from __future__ import annotations
@@ -20,18 +21,20 @@ from pathlib import Path
 from kilnflight.checks import InputError
 from kilnflight.store import paths
 
-# Name, SHA-256 and address of each file: the repository of the 2020 paper's authors at a
-# pinned commit, in pooch's format.
+# Name, SHA-256 and address of each file: the repository of the 2020 paper's authors at
+# a pinned commit, in pooch's format.
 REGISTRY = Path(__file__).with_name("external_files.txt")
 SHA256 = dict(line.split()[:2] for line in REGISTRY.read_text("utf-8").splitlines())
-# Tracks at 100 Hz of 3713 wooden spheres, 4357 cuboids and 4427 cylinders, simulated by the
-# authors with the discrete element method (DEM)
+# Tracks at 100 Hz of 3713 wooden spheres, 4357 cuboids and 4427 cylinders, simulated by
+# the authors with the discrete element method (DEM)
 BELT_DEM = {
     "spheres": "DEM_spheres_115.zip",
     "cuboids": "DEM_cuboids_115.zip",
     "cylinders": "DEM_Cylinder_115.zip",
 }
-RECORDINGS_FOLDER = "belt_recordings"  # Kugeln (spheres), Weizen (wheat), Zylinder (cylinders)
+RECORDINGS_FOLDER = (
+    "belt_recordings"  # Kugeln (spheres), Weizen (wheat), Zylinder (cylinders)
+)
 RECORDINGS = tuple(name for name in SHA256 if name.startswith(RECORDINGS_FOLDER))
 FOLDERS = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS")
 
@@ -42,7 +45,8 @@ def find(name: str) -> Path | None:
     Raises
     ------
     InputError
-        If its checksum is wrong, or ``KILNFLIGHT_EXTERNAL`` is set and does not have it.
+        If its checksum is wrong, or ``KILNFLIGHT_EXTERNAL`` is set and does not have
+        it.
     """
     path = paths.external() / name
     if path.is_file():
@@ -56,13 +60,16 @@ def find(name: str) -> Path | None:
 def check(path: Path, name: str) -> None:
     """Raise an `InputError` unless a file has the SHA-256 of ``name``.
 
-    The checksums are those of `REGISTRY`. Of a .gz file the uncompressed content counts.
+    The checksums are those of `REGISTRY`. Of a .gz file the uncompressed content
+    counts.
     """
     content = path.read_bytes()
     with suppress(OSError, EOFError, zlib.error):  # damaged: its checksum is wrong
         content = gzip.decompress(content) if path.suffix == ".gz" else content
     if hashlib.sha256(content).hexdigest() != SHA256[name]:
-        raise InputError(f"{path}: damaged or another version (SHA-256). Delete it: make data.")
+        raise InputError(
+            f"{path}: damaged or another version (SHA-256). Delete it: make data."
+        )
 
 
 def fetch(name: str) -> Path:
@@ -71,11 +78,13 @@ def fetch(name: str) -> Path:
     Raises
     ------
     ValueError
-        If the checksum is wrong, of the download or of the file that is there (`InputError`).
+        If the checksum is wrong, of the download or of the file that is there
+        (`InputError`).
     OSError
         If its repository cannot be reached or does not have the file.
     """
-    if path := find(name):
+    path = find(name)
+    if path:
         return path
     import pooch  # here: reading the data needs no downloader
 
@@ -90,20 +99,25 @@ def fetch(name: str) -> Path:
 def main(arguments: Sequence[str]) -> int:
     """Fetch every file (``make data``) and return the exit status.
 
-    With ``--optional`` a missing network is no error. Recordings are not fetched if the user names
-    a folder in one of `FOLDERS`.
+    With ``--optional`` a missing network is no error. Recordings are not fetched if the
+    user names a folder in one of `FOLDERS`.
     """
     # a folder that the user sets is used as it is
     recordings = () if any(map(os.environ.get, FOLDERS)) else RECORDINGS
-    told, good = f"have {len(BELT_DEM)} DEM tracks and {len(recordings)} recordings", True
+    told = f"have {len(BELT_DEM)} DEM tracks and {len(recordings)} recordings"
+    good = True
     try:
         for name in (*BELT_DEM.values(), *recordings):
             fetch(name)
     except OSError:
-        told = f"{name} cannot be fetched. Our own simulation stands in; or set {FOLDERS[0]}."
+        told = (
+            f"{name} cannot be fetched. Our own simulation stands in; or set "
+            f"{FOLDERS[0]}."
+        )
         good = "--optional" in arguments
     except ValueError as error:
-        told, good = f"{name}: {error}", False
+        told = f"{name}: {error}"
+        good = False
     print(f"authors' data: {told}", file=sys.stdout if good else sys.stderr)
     return 0 if good else 1
 

@@ -1,8 +1,10 @@
-"""Figures and tables saved with their caption and provenance; what each notebook concludes.
+"""Figures and tables saved with their caption and provenance; what each notebook
+concludes.
 
-`save` writes ``<id>.csv`` and, of a picture, ``<id>.png`` (full scale: also ``<id>.pdf``, not
-tracked). Captions, provenance and verdicts of a folder stand in its ``index.json``; caption and
-provenance also inside the PNG and the PDF. The same input gives the same bytes.
+`save` writes ``<id>.csv`` and, of a picture, ``<id>.png`` (full scale: also
+``<id>.pdf``, not tracked). Captions, provenance and verdicts of a folder stand in its
+``index.json``; caption and provenance also inside the PNG and the PDF. The same input
+gives the same bytes.
 """
 
 from __future__ import annotations
@@ -38,10 +40,17 @@ PNG_DPI = 300
 DRAFT_DPI = 150  # of a reduced run, whose figures are not to be cited
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST_PNG = 300_000  # bytes
-# Share of the resolution and number of colours: tried in turn until a PNG is small enough
+# Share of the resolution and number of colours: tried in turn until a PNG is small
+# enough
 REDUCTIONS = ((1.0, 256), (0.8, 128), (0.64, 64), (0.5, 64), (0.4, 32))
 # What a result depends on: the commit that last touched any of these made the figure.
-SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
+SOURCES = (
+    "analysis",
+    "notebooks",
+    "data/reference",
+    "pyproject.toml",
+    "requirements.lock",
+)
 
 
 @dataclass(frozen=True)
@@ -80,8 +89,12 @@ def trace(
     mark
         One word for the kind of data, such as "simulated", written inside each picture.
     """
-    checksums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs}
-    return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit(), mark)
+    checksums = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs
+    }
+    return Provenance(
+        notebook, dict(parameters), seed, checksums, __version__, _commit(), mark
+    )
 
 
 def _commit() -> str:
@@ -89,10 +102,16 @@ def _commit() -> str:
 
     Other files do not change a result, so their commits do not count.
     """
-    options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
+    options: dict[str, Any] = {
+        "cwd": paths.root(),
+        "capture_output": True,
+        "text": True,
+    }
     try:
         commit, changes = (
-            subprocess.run(["git", *command, "--", *SOURCES], check=False, **options).stdout.strip()
+            subprocess.run(
+                ["git", *command, "--", *SOURCES], check=False, **options
+            ).stdout.strip()
             for command in (("log", "-1", "--format=%H"), ("status", "--porcelain"))
         )
     except FileNotFoundError:  # no git on this machine: the version must do
@@ -110,7 +129,8 @@ def save(
 ) -> HTML:
     """Save a figure or table under its fixed id, and return it as shown on the page.
 
-    Every result of a notebook is saved by this function, so that it has caption and provenance.
+    Every result of a notebook is saved by this function, so that it has caption and
+    provenance.
 
     Parameters
     ----------
@@ -124,28 +144,44 @@ def save(
     provenance
         From `trace`.
     picture
-        Figure that shows the table; it is closed afterwards. None: only the table is saved.
+        Figure that shows the table; it is closed afterwards. None: only the table is
+        saved.
 
     Raises
     ------
     InputError
-        If the id or the table is not as described, the caption is empty, or a file cannot be
-        written.
+        If the id or the table is not as described, the caption is empty, or a file
+        cannot be written.
     """
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", identifier) or not caption.strip():
-        raise InputError(f"figure {identifier!r}: write lower-case-words as its id, and a caption.")
-    if not len(table.columns) or np.isinf(table.select_dtypes("number").to_numpy(float)).any():
-        raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
-    short = table.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
+        raise InputError(
+            f"figure {identifier!r}: write lower-case-words as its id, and a caption."
+        )
+    if (
+        not len(table.columns)
+        or np.isinf(table.select_dtypes("number").to_numpy(float)).any()
+    ):
+        raise InputError(
+            f"figure {identifier}: its table has no columns or holds an infinity."
+        )
+    short = table.map(
+        lambda value: float(f"{value:.6g}") if isinstance(value, float) else value
+    )
     text = short.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode()}
     if picture is None:
-        body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
+        body = table.to_html(
+            index=False, na_rep="", float_format="{:.5g}".format, border=0
+        )
     else:
-        pictures = _drawn(mark(picture, provenance.mark), identifier, caption, provenance)
+        pictures = _drawn(
+            mark(picture, provenance.mark), identifier, caption, provenance
+        )
         contents |= pictures
         coded = base64.b64encode(pictures[f"{identifier}.png"]).decode()
-        body = f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{coded}"/>'
+        body = (
+            f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{coded}"/>'
+        )
     entry: dict[str, Any] = {"caption": caption, "provenance": asdict(provenance)}
     entry["kind"] = "table" if picture is None else "picture"
     index.write(contents, "figures", identifier, entry)
@@ -159,7 +195,8 @@ def conclude(
     provenance: Provenance,
     choices: Iterable[unprinted.Comparison] = (),
 ) -> HTML:
-    """Save a notebook's result, its verdicts and its choices; the last call of every notebook.
+    """Save a notebook's result, its verdicts and its choices; the last call of every
+    notebook.
 
     Parameters
     ----------
@@ -170,20 +207,25 @@ def conclude(
     provenance
         From `trace`.
     choices
-        From `kilnflight.publication.choices.compare`: results with both values of what no work
-        prints. A verdict that turns with a choice that nothing decides is open.
+        From `kilnflight.publication.choices.compare`: results with both values of what
+        no work prints. A verdict that turns with a choice that nothing decides is open.
     """
     compared = [asdict(each) for each in choices]
     rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
     if len({row["id"] for row in rows}) < len(rows):
-        raise InputError(f"{provenance.notebook}: a claim is judged twice; judge it once.")
+        raise InputError(
+            f"{provenance.notebook}: a claim is judged twice; judge it once."
+        )
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
-    shown = pd.DataFrame(rows, columns=["id", "verdict", "because", "measured", "reason"])
+    shown = pd.DataFrame(
+        rows, columns=["id", "verdict", "because", "measured", "reason"]
+    )
     table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
     return HTML(
-        f"<div class='concluded'><p>{html.escape(result)}</p>{table}{_beside(compared)}</div>"
+        "<div "
+        f"class='concluded'><p>{html.escape(result)}</p>{table}{_beside(compared)}</div>"
     )
 
 
@@ -195,7 +237,10 @@ def _beside(compared: list[dict[str, Any]]) -> str:
     rows["turns"] = rows["turns"].map(" ".join)
     rows.columns = ["choice", "quantity", "ours", "other value", "verdicts that turn"]
     text = rows.to_html(index=False, border=0)
-    return f"<p>What no work prints (notebook 01), with ours and with the other value:</p>{text}"
+    return (
+        "<p>What no work prints (notebook 01), with ours and with the other "
+        f"value:</p>{text}"
+    )
 
 
 def _drawn(
@@ -203,21 +248,29 @@ def _drawn(
 ) -> dict[str, bytes]:
     """Return the bytes of a picture by file name: PNG and, at full scale, PDF.
 
-    Resolution and colours fall until the PNG has at most `LARGEST_PNG` bytes. The picture is
-    closed.
+    Resolution and colours fall until the PNG has at most `LARGEST_PNG` bytes. The
+    picture is closed.
     """
     record = json.dumps(asdict(provenance), sort_keys=True, default=str)
     software = f"kilnflight {provenance.version}"
     draft = provenance.parameters.get("scale", "full") != "full"
-    info, png, pdf = PngInfo(), io.BytesIO(), io.BytesIO()
+    info = PngInfo()
+    png = io.BytesIO()
+    pdf = io.BytesIO()
     texts = {"Title": identifier, "Description": caption, "Software": software}
     for name, text in {**texts, "Provenance": record}.items():
         info.add_text(name, text)
     with style():
         for share, colours in REDUCTIONS:
-            drawn, png, dpi = io.BytesIO(), io.BytesIO(), share * (DRAFT_DPI if draft else PNG_DPI)
+            drawn = io.BytesIO()
+            png = io.BytesIO()
+            dpi = share * (DRAFT_DPI if draft else PNG_DPI)
             picture.savefig(drawn, format="png", dpi=dpi)
-            few = Image.open(drawn).convert("RGB").quantize(colours, dither=Image.Dither.NONE)
+            few = (
+                Image.open(drawn)
+                .convert("RGB")
+                .quantize(colours, dither=Image.Dither.NONE)
+            )
             few.save(png, "PNG", optimize=not draft, dpi=(dpi, dpi), pnginfo=info)
             if png.tell() <= LARGEST_PNG:
                 break
@@ -227,4 +280,6 @@ def _drawn(
             picture.savefig(pdf, format="pdf", metadata=metadata)
     plt.close(picture)
     files = {"png": png.getvalue(), "pdf": pdf.getvalue()}
-    return {f"{identifier}.{kind}": content for kind, content in files.items() if content}
+    return {
+        f"{identifier}.{kind}": content for kind, content in files.items() if content
+    }

@@ -1,4 +1,6 @@
-"""The look of all figures: one style, print size, readable in grey and by the colour-blind."""
+"""The look of all figures: one style, print size, readable in grey and by the
+colour-blind.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +92,12 @@ def canvas(
     with style():
         size = (width_mm / 25.4, height_mm / 25.4)
         picture, grid = plt.subplots(
-            rows, columns, figsize=size, squeeze=False, layout="constrained", **arguments
+            rows,
+            columns,
+            figsize=size,
+            squeeze=False,
+            layout="constrained",
+            **arguments,
         )
     plt.close(picture)  # a page shows it where it is saved, and only there
     return picture, grid
@@ -99,8 +106,8 @@ def canvas(
 def mark(picture: Figure, word: str) -> Figure:
     """Write the kind of data below a picture at the right; return the picture.
 
-    ``word`` is such as "simulated"; if empty, nothing is written. With a constrained layout, as
-    `canvas` sets it, axes and legends stay above that strip of `MARK_MM`.
+    ``word`` is such as "simulated"; if empty, nothing is written. With a constrained
+    layout, as `canvas` sets it, axes and legends stay above that strip of `MARK_MM`.
     """
     strip = MARK_MM / 25.4 / picture.get_figheight()
     engine = picture.get_layout_engine()
@@ -108,8 +115,12 @@ def mark(picture: Figure, word: str) -> Figure:
         engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
         for legend in picture.legends:
             if getattr(legend, "_outside_loc", None) == "lower":
-                legend.borderaxespad += MARK_MM / 25.4 * 72 / legend.prop.get_size_in_points()
-    picture.text(0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35")
+                legend.borderaxespad += (
+                    MARK_MM / 25.4 * 72 / legend.prop.get_size_in_points()
+                )
+    picture.text(
+        0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35"
+    )
     return picture
 
 
@@ -125,11 +136,15 @@ def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None
     gray
         (rows, cols) grey values, not negative.
     step
-        Blocks of ``step`` x ``step`` px are averaged, since a page shows no more; incomplete blocks
-        at the right and at the bottom are cut off.
+        Blocks of ``step`` x ``step`` px are averaged, since a page shows no more;
+        incomplete blocks at the right and at the bottom are cut off.
     """
     rows, cols = (length - length % step for length in gray.shape)
-    blocks = gray[:rows, :cols].astype(np.float64).reshape(rows // step, step, cols // step, step)
+    blocks = (
+        gray[:rows, :cols]
+        .astype(np.float64)
+        .reshape(rows // step, step, cols // step, step)
+    )
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     axes.imshow(np.sqrt(blocks.mean(axis=(1, 3))), cmap="gray", extent=extent)
     axes.set(xlabel="column (px)", ylabel="row (px)")
@@ -138,18 +153,33 @@ def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None
 def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
     """Draw spots (n, 3) with row, col and radius in px as circles of that radius."""
     patches = [Circle((col, row), radius) for row, col, radius in spots]
-    axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
+    axes.add_collection(
+        PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7)
+    )
 
 
 def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
-    """Draw tracks as lines of one colour, or each in another colour and with another marker.
+    """Draw tracks as lines of one colour, or each in another colour and with another
+    marker.
 
     ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
     """
-    tracks, few = table.sort_values(["particle", "frame"]).groupby("particle"), COLOURS[1:]
-    for k, (_, track) in enumerate(tracks):  # black is not seen on a frame, many markers hide it
-        color, marker = colour or few[k % len(few)], MARKERS[k % len(MARKERS)][: len(tracks) < 200]
-        axes.plot(track["col"], track["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
+    tracks = table.sort_values(["particle", "frame"]).groupby("particle")
+    few = COLOURS[1:]
+    for k, (_, track) in enumerate(
+        tracks
+    ):  # black is not seen on a frame, many markers hide it
+        color = colour or few[k % len(few)]
+        marker = MARKERS[k % len(MARKERS)][: len(tracks) < 200]
+        axes.plot(
+            track["col"],
+            track["row"],
+            ls="-",
+            lw=0.6,
+            ms=1.6,
+            color=color,
+            marker=marker,
+        )
 
 
 def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
@@ -169,13 +199,23 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     names = ["whisker_low", "q25", "median", "q75", "whisker_high"]
     values = summary[names].to_numpy(np.float64)
     rows: list[dict[str, Any]] = [dict(zip(parts, row, strict=True)) for row in values]
-    face = {"facecolor": "0.9", "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"}
+    face = {
+        "facecolor": "0.9",
+        "edgecolor": "black",
+        "linewidth": 0.7,
+        "linestyle": "-",
+    }
     options = {"widths": 0.55, "showfliers": False, "boxprops": face, **BOXES}
     axes.bxp(rows, positions=np.arange(len(rows)), **options)
     axes.margins(y=0.12)
     for i, row in enumerate(rows):
         axes.text(
-            i, row["whishi"], f"{row['q3'] - row['q1']:.2g}", fontsize=6, ha="center", va="bottom"
+            i,
+            row["whishi"],
+            f"{row['q3'] - row['q1']:.2g}",
+            fontsize=6,
+            ha="center",
+            va="bottom",
         )
 
 

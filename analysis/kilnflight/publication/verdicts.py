@@ -10,27 +10,35 @@ from kilnflight.store import index
 def collect() -> pd.DataFrame:
     """Return the verdict on every claim, in the order of claims.csv.
 
-    Verdicts come from the folder of figures, where each notebook saved its own. A claim without one
-    is open, and so is one whose verdict turns with a choice that neither text nor tools decide
-    (`kilnflight.publication.choices`).
+    Verdicts come from the folder of figures, where each notebook saved its own. A claim
+    without one is open, and so is one whose verdict turns with a choice that neither
+    text nor tools decide (`kilnflight.publication.choices`).
 
     Returns
     -------
     DataFrame
-        ``id``, ``verdict``, ``because``, ``measured``, ``published``, ``notebook``, ``reason``.
+        ``id``, ``verdict``, ``because``, ``measured``, ``published``, ``notebook``,
+        ``reason``.
 
     Raises
     ------
     InputError
         If two notebooks judge the same claim.
     """
-    known, concluded = claims.load(), index.load()["notebooks"].items()
-    rows = [{**row, "notebook": stem} for stem, each in concluded for row in each["verdicts"]]
+    known = claims.load()
+    concluded = index.load()["notebooks"].items()
+    rows = [
+        {**row, "notebook": stem}
+        for stem, each in concluded
+        for row in each["verdicts"]
+    ]
     rows = choices.opened(rows, choices.compared())
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
     judged = pd.DataFrame(rows, columns=names).set_index("id")
     for claim_id in judged.index[judged.index.duplicated()]:
         by = " and ".join(judged.loc[claim_id, "notebook"])
-        raise InputError(f"claim {claim_id} is judged by {by}; leave it to one notebook.")
+        raise InputError(
+            f"claim {claim_id} is judged by {by}; leave it to one notebook."
+        )
     table = judged.reindex(known.index).assign(published=known["sentence"])
     return table.fillna({"verdict": claims.OPEN}).fillna("").reset_index()

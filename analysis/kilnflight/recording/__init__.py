@@ -1,1 +1,3 @@
-"""Recordings: frames of a plenoptic camera or a film, on disk and imported; tables of tracks."""
+"""Recordings: frames of a plenoptic camera or a film, on disk and imported; tables of
+tracks.
+"""

@@ -15,7 +15,8 @@ from kilnflight.recording.frames import Frame, Recording
 class FrameBuffer:
     """Stack of a recording's grey values; each needed frame is read once.
 
-    Background models read a frame before it is detected in; it is held until its last use.
+    Background models read a frame before it is detected in; it is held until its last
+    use.
 
     Parameters
     ----------
@@ -26,7 +27,8 @@ class FrameBuffer:
     """
 
     def __init__(self, recording: Recording, uses: Iterable[int] = ()) -> None:
-        self._recording, self._uses = recording, Counter(uses)
+        self._recording = recording
+        self._uses = Counter(uses)
         self._held: dict[int, Frame] = {}
 
     def __len__(self) -> int:

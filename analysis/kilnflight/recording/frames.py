@@ -1,9 +1,9 @@
 """Frames of a recording and its attributes.
 
-A recording has `attributes`, a length and ``frame(t)``. Positions t count the frames there
-are, from 0; a gap in a camera's numbers shows in `Frame.index` and `Frame.time_s`. Pixels are
-row, col. Millimetres are x, y, z in camera coordinates as captured, before the recording's
-depth calibration.
+A recording has `attributes`, a length and ``frame(t)``. Positions t count the frames
+there are, from 0; a gap in a camera's numbers shows in `Frame.index` and
+`Frame.time_s`. Pixels are row, col. Millimetres are x, y, z in camera coordinates as
+captured, before the recording's depth calibration.
 """
 
 from __future__ import annotations
@@ -18,9 +18,21 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
-from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number, check_shape
+from kilnflight.checks import (
+    LARGEST_WHOLE,
+    InputError,
+    check_finite,
+    check_number,
+    check_shape,
+)
 
-LABELS = ("wall", "flame", "burning in air", "non-burning in air", "burning on the wall")
+LABELS = (
+    "wall",
+    "flame",
+    "burning in air",
+    "non-burning in air",
+    "burning on the wall",
+)
 
 Gray = npt.NDArray[np.uint16]
 
@@ -40,8 +52,8 @@ class Frame:
     pixels
         (n, 2) int32: row and col of the pixels with a captured position, each once.
     xyz
-        (n, 3) float32: those positions in mm, camera coordinates as captured, without the depth
-        calibration; finite.
+        (n, 3) float32: those positions in mm, camera coordinates as captured, without
+        the depth calibration; finite.
     labels
         (rows, cols) uint8, classes of Table 5.1, Zhang 2023 (`LABELS`), where known.
     """
@@ -49,7 +61,9 @@ class Frame:
     index: int
     time_s: float
     gray: Gray
-    pixels: npt.NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    pixels: npt.NDArray[np.int32] = field(
+        default_factory=lambda: np.empty((0, 2), np.int32)
+    )
     xyz: Single = field(default_factory=lambda: np.empty((0, 3), np.float32))
     labels: Picture | None = None
 
@@ -77,7 +91,8 @@ class Attributes:
     depth_calibration
         Calibration of the captured depths, the lance's too; None: they are true.
     notes
-        Sentences about the conversion to this form: missing frames, colours, scaled grey values.
+        Sentences about the conversion to this form: missing frames, colours, scaled
+        grey values.
 
     Raises
     ------
@@ -100,8 +115,11 @@ class Attributes:
     def __post_init__(self) -> None:
         where, (rows, columns) = f"recording {self.name}", self.size
         for key in ("rows", "columns", "frame_rate_hz", "pressure_bar"):
-            if (value := getattr(self, key)) is not None:
-                value = check_number(value, f"{where}, {key}", above=0, whole=key.endswith("s"))
+            value = getattr(self, key)
+            if value is not None:
+                value = check_number(
+                    value, f"{where}, {key}", above=0, whole=key.endswith("s")
+                )
                 object.__setattr__(self, key, value)  # as JSON has it, not numpy
         check_finite(self.lance_mm or (0, 0, 0), f"{where}, lance_mm", (3,))
         roi = check_finite(self.roi or 3 * ((0, 0),), f"{where}, roi", (None, 2))
@@ -109,7 +127,9 @@ class Attributes:
         inside = len(roi) >= 3 and (roi >= 0).all() and (roi <= self.size).all()
         flame = 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns
         if not (inside and flame and isinstance(self.name, str) and self.name.strip()):
-            raise InputError(f"{where}: name, roi or flame_roi cannot be used ({self.size} px).")
+            raise InputError(
+                f"{where}: name, roi or flame_roi cannot be used ({self.size} px)."
+            )
 
     @property
     def size(self) -> tuple[int, int]:
@@ -121,17 +141,27 @@ class Attributes:
         """Outlet of the lance, its depth calibrated; None if it is not known."""
         if self.lance_mm is None:
             return None
-        return tuple(calibrate_points([self.lance_mm], self.depth_calibration)[0].tolist())
+        return tuple(
+            calibrate_points([self.lance_mm], self.depth_calibration)[0].tolist()
+        )
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return the attributes from values of JSON or TOML; lists become tuples."""
-        calibration = {"depth_calibration": read_calibration(values.get("depth_calibration"))}
-        return cls(**{key: _tuples(value) for key, value in values.items()} | calibration)
+        calibration = {
+            "depth_calibration": read_calibration(values.get("depth_calibration"))
+        }
+        return cls(
+            **{key: _tuples(value) for key, value in values.items()} | calibration
+        )
 
 
 def _tuples(value: Any) -> Any:
-    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
+    return (
+        tuple(_tuples(item) for item in value)
+        if isinstance(value, list | tuple)
+        else value
+    )
 
 
 class Recording(Protocol):
@@ -153,24 +183,35 @@ class Recording(Protocol):
 def check_position(t: int, length: int, name: str) -> None:
     """Raise an `InputError` unless a recording of that length has a frame ``t``."""
     if not 0 <= t < length:
-        raise InputError(f"recording {name}: there is no frame {t} in 0 to {length - 1}.")
+        raise InputError(
+            f"recording {name}: there is no frame {t} in 0 to {length - 1}."
+        )
 
 
 def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     """Return the frame, or raise an `InputError` naming the recording and the frame."""
-    where, pixels = f"recording {attributes.name}, frame {frame.index}", frame.pixels
-    check_number(frame.index, f"{where}: index", least=0, most=LARGEST_WHOLE, whole=True)
+    where = f"recording {attributes.name}, frame {frame.index}"
+    pixels = frame.pixels
+    check_number(
+        frame.index, f"{where}: index", least=0, most=LARGEST_WHOLE, whole=True
+    )
     shapes = {"gray": attributes.size, "pixels": (None, 2), "xyz": (len(pixels), 3)}
     for name, shape in shapes.items():
         check_shape(getattr(frame, name), shape, f"{where}: {name}")
     wrong = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
     if (wrong := wrong | pd.DataFrame(pixels).duplicated().to_numpy()).any():
         place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"
-        raise InputError(f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice.")
-    calibrate_points(frame.xyz, attributes.depth_calibration, f"{where}: captured points")
+        raise InputError(
+            f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice."
+        )
+    calibrate_points(
+        frame.xyz, attributes.depth_calibration, f"{where}: captured points"
+    )
     if frame.labels is not None:
         check_shape(frame.labels, attributes.size, f"{where}: labels")
-        check_number(int(frame.labels.max()), f"{where}: labels", least=0, most=len(LABELS) - 1)
+        check_number(
+            int(frame.labels.max()), f"{where}: labels", least=0, most=len(LABELS) - 1
+        )
     return frame
 
 
@@ -192,17 +233,24 @@ class Source(Protocol):
 
 def calibrated_cloud(recording: Recording, t: int) -> Array:
     """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
-    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
+    return calibrate_points(
+        recording.frame(t).xyz, recording.attributes.depth_calibration
+    )
 
 
 def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
     """Return a frame for each number, and the step of the numbers.
 
-    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers are frames.
+    Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers
+    are frames.
     """
     each, place = np.unique(numbers, return_inverse=True)
     steps = np.diff(each) if len(each) > 1 else np.ones(1)
     # of unequal steps the middle one, as time stamps vary
     step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
-    each = each if step == 1 else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    each = (
+        each
+        if step == 1
+        else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    )
     return each[place].astype(int).tolist(), step

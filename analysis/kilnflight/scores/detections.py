@@ -1,12 +1,12 @@
 """Scores of detections: precision, recall and F1 (thesis, section 3.3).
 
-Both criteria of the thesis: within 45 px by the Hungarian method (section 3.3), and within
-the pixels of a labelled particle (section 5.1.1).
+Both criteria of the thesis: within 45 px by the Hungarian method (section 3.3), and
+within the pixels of a labelled particle (section 5.1.1).
 
-The 45 px have two readings. Section 3.3 takes particles of up to 15 px in radius, enlarges the
-diameter 1.5 times, and calls the result a "gating threshold (diameter)": 2 x 15 x 1.5 = 45. A
-detection would then lie within 22.5 px (`NEAR_GATE_PX`). But Eq. 3.4 compares that threshold with
-the distance of two centres: 45 px (`DETECTION_GATE_PX`).
+The 45 px have two readings. Section 3.3 takes particles of up to 15 px in radius,
+enlarges the diameter 1.5 times, and calls the result a "gating threshold (diameter)": 2
+x 15 x 1.5 = 45. A detection would then lie within 22.5 px (`NEAR_GATE_PX`). But Eq. 3.4
+compares that threshold with the distance of two centres: 45 px (`DETECTION_GATE_PX`).
 """
 
 from __future__ import annotations
@@ -29,12 +29,14 @@ NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 call
 
 
 def rates(
-    true_positives: npt.ArrayLike, false_positives: npt.ArrayLike, false_negatives: npt.ArrayLike
+    true_positives: npt.ArrayLike,
+    false_positives: npt.ArrayLike,
+    false_negatives: npt.ArrayLike,
 ) -> pd.DataFrame:
     """Return ``precision``, ``recall`` and ``f1`` of counts, one row per entry.
 
-    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP + FP + FN)``
-    (Eqs 3.1 to 3.3); a ratio without a denominator is 0.
+    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP +
+    FP + FN)`` (Eqs 3.1 to 3.3); a ratio without a denominator is 0.
 
     Parameters
     ----------
@@ -53,15 +55,17 @@ def rates(
         for counts in (false_positives, false_negatives)
     )
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
-    return pd.DataFrame({name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()})
+    return pd.DataFrame(
+        {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class FrameScore:
     """Scores of the detections of one frame (Eqs 3.1 to 3.3).
 
-    Particles and detections outside the region of interest are not counted. Rows are those of the
-    arrays that were scored.
+    Particles and detections outside the region of interest are not counted. Rows are
+    those of the arrays that were scored.
     """
 
     tp: int
@@ -70,7 +74,8 @@ class FrameScore:
     precision: float
     recall: float
     f1: float
-    pairs: Index  # (tp, 2) rows of truth and detected that belong together, by row of truth
+    # (tp, 2) rows of truth and detected that belong together, by row of truth
+    pairs: Index
     missed: Index  # (fn,) rows of truth without a detection
     spurious: Index  # (fp,) rows of detected without a particle
 
@@ -97,15 +102,15 @@ def score_detections(
     Raises
     ------
     InputError
-        If an array has another shape or holds a value that is not finite, or the gate is not
-        above 0.
+        If an array has another shape or holds a value that is not finite, or the gate
+        is not above 0.
 
     Notes
     -----
     Eq. 3.4 gives pairs beyond the gate a cost "significantly greater than the Euclidean
-    distances". So the number of pairs is maximal, and among these assignments the sum of their
-    distances is minimal. Particles and detections beyond the region of interest are left out before
-    the assignment (section 3.1), each by its position.
+    distances". So the number of pairs is maximal, and among these assignments the sum
+    of their distances is minimal. Particles and detections beyond the region of
+    interest are left out before the assignment (section 3.1), each by its position.
 
     Examples
     --------
@@ -128,7 +133,8 @@ def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
     Parameters
     ----------
     image
-        (rows, cols) integers: the particle labelled in each pixel; other numbers are background.
+        (rows, cols) integers: the particle labelled in each pixel; other numbers are
+        background.
     particles
         (n,) the particles of the truth, each once and with pixels.
     """
@@ -145,7 +151,8 @@ def score_in_pixels(
 ) -> FrameScore:
     """Count the detections of one frame within the pixels of a particle.
 
-    In section 5.1.1 a detection counts if it "falls within the pixel range of a particle".
+    In section 5.1.1 a detection counts if it "falls within the pixel range of a
+    particle".
 
     Parameters
     ----------
@@ -154,18 +161,22 @@ def score_in_pixels(
     centroids
         Of `particle_centroids`, one row per particle of the truth.
     detected
-        (m, 2) row, col in px; a detection belongs to the nearest pixel, and to none outside.
+        (m, 2) row, col in px; a detection belongs to the nearest pixel, and to none
+        outside.
     roi
         (k, 2) corners row, col in px; only detections and centroids inside take part.
 
     Notes
     -----
     Each particle is found once: by the detection nearest to the centroid of its pixels.
-    Others in the same particle are false positives. The thesis does not say which one counts.
-    A detection inside the region of a particle whose centroid is outside is false as well.
+    Others in the same particle are false positives. The thesis does not say which one
+    counts. A detection inside the region of a particle whose centroid is outside is
+    false as well.
     """
-    places, middle = check_finite(detected, "detected", (None, 2)), centroids.to_numpy()
-    true, found = _within(roi, middle), _within(roi, places)
+    places = check_finite(detected, "detected", (None, 2))
+    middle = centroids.to_numpy()
+    true = _within(roi, middle)
+    found = _within(roi, places)
     nearest = np.floor(places + 0.5)
     on_image = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
     row, col = nearest[on_image].astype(np.intp).T
@@ -188,10 +199,11 @@ def _within(roi: npt.ArrayLike | None, places: Array) -> Index:
 def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
     """Return the score of pairs among the rows inside the region of interest.
 
-    ``true`` (n,) and ``found`` (m,) are the row numbers inside, ``pairs`` (tp, 2) the row numbers
-    of truth and detection that belong together.
+    ``true`` (n,) and ``found`` (m,) are the row numbers inside, ``pairs`` (tp, 2) the
+    row numbers of truth and detection that belong together.
     """
-    missed, spurious = np.setdiff1d(true, pairs[:, 0]), np.setdiff1d(found, pairs[:, 1])
+    missed = np.setdiff1d(true, pairs[:, 0])
+    spurious = np.setdiff1d(found, pairs[:, 1])
     counts = len(pairs), len(spurious), len(missed)
     precision, recall, f1 = rates(*counts).iloc[0].tolist()
     ordered = pairs[np.argsort(pairs[:, 0])]
@@ -201,21 +213,26 @@ def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
 def pair(first: Array, second: Array, gate: float) -> Index:
     """Return the rows (k, 2) of two sets of points that belong together (Eq. 3.4).
 
-    ``first`` is (n, d), ``second`` (m, d). As many pairs as possible that are no farther apart
-    than ``gate``, in the unit of the points; of these assignments the one with the smallest sum of
-    distances.
+    ``first`` is (n, d), ``second`` (m, d). As many pairs as possible that are no
+    farther apart than ``gate``, in the unit of the points; of these assignments the one
+    with the smallest sum of distances.
     """
     if not len(first) or not len(second):
         return np.empty((0, 2), dtype=np.intp)
-    near = KDTree(first).sparse_distance_matrix(KDTree(second), gate, output_type="ndarray")
-    rows, shape = np.arange(len(first)), (len(first), len(second) + len(first))
-    # A dummy for each row makes an assignment of all rows possible. It costs more than all
-    # distances together, so that no pair is given up. The 1 in every cost separates a distance
-    # of 0 from an empty entry.
+    near = KDTree(first).sparse_distance_matrix(
+        KDTree(second), gate, output_type="ndarray"
+    )
+    rows = np.arange(len(first))
+    shape = (len(first), len(second) + len(first))
+    # A dummy for each row makes an assignment of all rows possible. It costs more than
+    # all distances together, so that no pair is given up. The 1 in every cost separates
+    # a distance of 0 from an empty entry.
     missed = np.full(len(first), 2.0 + gate * min(len(first), len(second)))
     cost = np.concatenate([near["v"] + 1.0, missed])
     index = np.append(near["i"], rows), np.append(near["j"], len(second) + rows)
-    row, col = min_weight_full_bipartite_matching(coo_array((cost, index), shape=shape).tocsr())
+    row, col = min_weight_full_bipartite_matching(
+        coo_array((cost, index), shape=shape).tocsr()
+    )
     return np.stack([row, col], axis=1)[col < len(second)].astype(np.intp)
 
 
@@ -224,19 +241,19 @@ def count_in_air(
 ) -> dict[str, int]:
     """Return TP, FP and FN of one frame's classification as in the air.
 
-    As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is classified as such.
-    FP is any other detection classified as in the air, on the wall or spurious. FN is any other
-    particle in the air, classified as on the wall or not detected. Table 5.13 takes the score of
-    the truth against itself.
+    As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is
+    classified as such. FP is any other detection classified as in the air, on the wall
+    or spurious. FN is any other particle in the air, classified as on the wall or not
+    detected. Table 5.13 takes the score of the truth against itself.
 
     Parameters
     ----------
     score
         Assignment of detections to particles.
     truth_in_air, detected_in_air
-        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D, in the rows
-        of the arrays that were scored. Those without 3D are False and so "not taken into
-        consideration" (section 5.1.4).
+        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D,
+        in the rows of the arrays that were scored. Those without 3D are False and so
+        "not taken into consideration" (section 5.1.4).
 
     Returns
     -------
@@ -244,7 +261,9 @@ def count_in_air(
         Counts by "tp", "fp", "fn"; the input of `rates`.
     """
     flying = [np.asarray(side, dtype=bool) for side in (truth_in_air, detected_in_air)]
-    true, classified = (mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True))
+    true, classified = (
+        mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True)
+    )
     tp = np.count_nonzero(true & classified)
     fp = np.count_nonzero(classified) + np.count_nonzero(flying[1][score.spurious]) - tp
     fn = np.count_nonzero(true) + np.count_nonzero(flying[0][score.missed]) - tp

@@ -1,11 +1,12 @@
-"""Confidence intervals of medians and shares of particles, and of the measures of tracks.
+"""Confidence intervals of medians and shares of particles, and of the measures of
+tracks.
 
-Medians: bootstrap over particles. Shares: Wilson's interval, because a bootstrap of "none of 40
-ignited" has no width. Differences: Newcombe's.
+Medians: bootstrap over particles. Shares: Wilson's interval, because a bootstrap of
+"none of 40 ignited" has no width. Differences: Newcombe's.
 
-A particle is the unit. Particles of one handful fly through the same gusts and share frames, so
-they are less independent than the intervals assume. Differences between whole recordings (gas,
-light, bias of depth) are in none of them.
+A particle is the unit. Particles of one handful fly through the same gusts and share
+frames, so they are less independent than the intervals assume. Differences between
+whole recordings (gas, light, bias of depth) are in none of them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from kilnflight.scores.tracks import TrackScore
 
 LEVEL = 0.95
 DRAWS = 2000  # of a bootstrap
-LEAST = 6  # particles; the range of n values holds the median with probability 1 - 2^(1 - n)
+# particles; the range of n values holds the median with probability 1 - 2^(1 - n)
+LEAST = 6
 
 
 class Interval(NamedTuple):
@@ -51,29 +53,34 @@ def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
     """Return the ends of the interval that holds the middle 95 % of draws (n,)."""
     tail = (1 - LEVEL) / 2
     draws = check_finite(values, "percentiles: values", (None,))
-    low, high = np.quantile(draws, [tail, 1 - tail]) if len(draws) else (math.nan, math.nan)
+    low, high = (
+        np.quantile(draws, [tail, 1 - tail]) if len(draws) else (math.nan, math.nan)
+    )
     return float(low), float(high)
 
 
 def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
-    The interval has the values' unit. ``generator`` is copied, not advanced, so that the same
-    particles have the same interval everywhere.
+    The interval has the values' unit. ``generator`` is copied, not advanced, so that
+    the same particles have the same interval everywhere.
 
     Notes
     -----
-    Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent for
-    medians. The interval is infinite with fewer than `LEAST` values.
+    Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent
+    for medians. The interval is infinite with fewer than `LEAST` values.
     """
     sample = check_finite(values, "median_interval: values", (None,))
     number = len(sample)
     estimate = float(np.median(sample)) if number else math.nan
     if number < LEAST:
         return Interval(estimate, -math.inf, math.inf, (number,))
-    draw, rounds = copy.deepcopy(generator).integers, max(1, 2_000_000 // number)  # bounds memory
+    draw = copy.deepcopy(generator).integers
+    rounds = max(1, 2_000_000 // number)  # bounds memory
     counts = np.diff([*range(0, DRAWS, rounds), DRAWS]).tolist()
-    medians = [np.median(sample[draw(0, number, (count, number))], axis=-1) for count in counts]
+    medians = [
+        np.median(sample[draw(0, number, (count, number))], axis=-1) for count in counts
+    ]
     return Interval(estimate, *percentiles(np.concatenate(medians)), (number,))
 
 
@@ -85,8 +92,12 @@ def share(number: int, counted: int) -> Interval:
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
-    interval = scipy.stats.binomtest(number, counted).proportion_ci(LEVEL, method="wilson")
-    return Interval(number / counted, float(interval.low), float(interval.high), (counted,))
+    interval = scipy.stats.binomtest(number, counted).proportion_ci(
+        LEVEL, method="wilson"
+    )
+    return Interval(
+        number / counted, float(interval.low), float(interval.high), (counted,)
+    )
 
 
 def track_draws(
@@ -94,9 +105,10 @@ def track_draws(
 ) -> Array:
     """Return bootstrap draws (DRAWS, 4) of alpha, beta, JSC and JSC_theta.
 
-    Table 5.17 gets its intervals from them. True trajectories are drawn with replacement, each with
-    the gain and the matches of its partner. The number of times a false track is drawn follows
-    Poisson's law of mean 1, so that their number varies too. The pairing is not repeated.
+    Table 5.17 gets its intervals from them. True trajectories are drawn with
+    replacement, each with the gain and the matches of its partner. The number of times
+    a false track is drawn follows Poisson's law of mean 1, so that their number varies
+    too. The pairing is not repeated.
 
     Parameters
     ----------
@@ -107,12 +119,14 @@ def track_draws(
 
     Notes
     -----
-    Scores of one window hold the same true trajectories in the same order. With the same ``seed``
-    the same ones are drawn, and the difference is paired. Two trackers have different false tracks;
-    give each its own ``false_seed``. A share of 0 or 1 has no width. A window is one stretch of
-    one recording; no interval covers other stretches.
+    Scores of one window hold the same true trajectories in the same order. With the
+    same ``seed`` the same ones are drawn, and the difference is paired. Two trackers
+    have different false tracks; give each its own ``false_seed``. A share of 0 or 1 has
+    no width. A window is one stretch of one recording; no interval covers other
+    stretches.
     """
-    count, generator = len(score.true_tracks), np.random.default_rng(seed)
+    count = len(score.true_tracks)
+    generator = np.random.default_rng(seed)
     columns = ["length", "gain", "tp", "fp", "paired"]
     true = score.true_tracks[columns].to_numpy(np.float64)
     false = score.false_tracks[["length", "positions"]].to_numpy(np.float64)
@@ -127,10 +141,11 @@ def track_draws(
 def difference_interval(first: Interval, second: Interval) -> Interval:
     """Return first minus second with its interval (Newcombe 1998).
 
-    The estimates must be independent. The distances from the estimates to the ends add as squares.
-    An unknown end makes the interval infinite.
+    The estimates must be independent. The distances from the estimates to the ends add
+    as squares. An unknown end makes the interval infinite.
     """
-    numbers, estimate = (*first.numbers, *second.numbers), first.estimate - second.estimate
+    numbers = (*first.numbers, *second.numbers)
+    estimate = first.estimate - second.estimate
     down = math.hypot(first.estimate - first.low, second.high - second.estimate)
     up = math.hypot(first.high - first.estimate, second.estimate - second.low)
     if math.isnan(estimate + down + up):

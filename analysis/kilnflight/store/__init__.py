@@ -1,1 +1,3 @@
-"""Files that are written whole or not at all: cached tables, folders, an index, processes."""
+"""Files that are written whole or not at all: cached tables, folders, an index,
+processes.
+"""

@@ -1,8 +1,8 @@
 """Complete files, one writer at a time, and tables that are computed once.
 
 The name of a cached table holds a hash of its arguments and of the code that makes it
-(`code_hash`), so a change of either gives another file. Among the arguments of a later step are
-the names of its input tables. ``make clean`` removes old files.
+(`code_hash`), so a change of either gives another file. Among the arguments of a later
+step are the names of its input tables. ``make clean`` removes old files.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
 PACKAGE = Path(__file__).parents[1]
-# Module and names of an import, of this package; to parse the files takes half a second.
-IMPORTS = re.compile(r"^ *(?:from|import) (kilnflight[\w.]*)(?: import (\([^)]*\)|.*))?", re.M)
+# Module and names of an import, of this package; to parse the files takes half a
+# second.
+IMPORTS = re.compile(
+    r"^ *(?:from|import) (kilnflight[\w.]*)(?: import (\([^)]*\)|.*))?", re.M
+)
 AGAIN = "Is there room, on disk and in memory? Finished parts are kept; run it again."
 
 
@@ -44,8 +47,8 @@ def write_whole(path: Path, content: bytes) -> None:
 def make_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call ``write`` with a temporary path, then rename that to ``path``.
 
-    ``write`` makes a file or a folder. An existing one is replaced only when it is complete. Links
-    are followed; a device or a pipe is written into.
+    ``write`` makes a file or a folder. An existing one is replaced only when it is
+    complete. Links are followed; a device or a pipe is written into.
 
     Raises
     ------
@@ -58,7 +61,8 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
             write(path)
             return
         with TemporaryDirectory(".part", f".{path.name}.", path.parent) as folder:
-            write(part := Path(folder, path.name))
+            part = Path(folder, path.name)
+            write(part)
             if part.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             part.replace(path)
@@ -95,8 +99,9 @@ def locked(path: Path) -> Iterator[None]:
 def code_hash(*objects: object) -> str:
     """Return a hash of the source code behind functions, classes and instances.
 
-    The text of their modules counts, of all modules of this package that these import, and of JSON
-    and CSV files in the same folders. Objects of other packages or notebooks do not count.
+    The text of their modules counts, of all modules of this package that these import,
+    and of JSON and CSV files in the same folders. Objects of other packages or
+    notebooks do not count.
     """
     made_by = (getattr(value, "func", value) for value in objects)  # of a partial
     names = {getattr(value, "__module__", None) or "" for value in made_by}
@@ -106,20 +111,27 @@ def code_hash(*objects: object) -> str:
 @cache
 def _closure_hash(files: frozenset[Path]) -> str:
     """Return a hash of the names and texts of files and of all that they import."""
-    pending, texts = set(files), {}
+    pending = set(files)
+    texts = {}
     while pending:
         file = pending.pop()
         texts[file] = file.read_text("utf-8")
         pending |= (_imports(file) if file.suffix == ".py" else set()) - texts.keys()
-    named = sorted((str(file.relative_to(PACKAGE)), text) for file, text in texts.items())
+    named = sorted(
+        (str(file.relative_to(PACKAGE)), text) for file, text in texts.items()
+    )
     return hashlib.sha256(repr(named).encode()).hexdigest()
 
 
 def _imports(file: Path) -> set[Path]:
     """Return the files of this package that a module imports, and its data files."""
-    found = {path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")}
+    found = {
+        path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")
+    }
     for base, names in IMPORTS.findall(file.read_text("utf-8")):
-        found.update(_module(base), *(_module(f"{base}.{n}") for n in re.findall(r"\w+", names)))
+        found.update(
+            _module(base), *(_module(f"{base}.{n}") for n in re.findall(r"\w+", names))
+        )
     return found
 
 
@@ -127,7 +139,11 @@ def _module(name: str) -> list[Path]:
     """Return the file of a module by dotted name; empty if of another package."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
-    files = (base.with_suffix(".py"), base / "__init__.py") if package == PACKAGE.name else ()
+    files = (
+        (base.with_suffix(".py"), base / "__init__.py")
+        if package == PACKAGE.name
+        else ()
+    )
     return [file for file in files if file.is_file()]
 
 
@@ -140,10 +156,12 @@ class CachedTable:
     name
         First part of the file's name.
     make
-        Function or `functools.partial` without further arguments that returns the table.
+        Function or `functools.partial` without further arguments that returns the
+        table.
     depends_on
-        Everything that ``make`` depends on, by name. The ``repr`` of each value enters the file's
-        name, so it must be complete and the same in every run. The code of its class enters, too.
+        Everything that ``make`` depends on, by name. The ``repr`` of each value enters
+        the file's name, so it must be complete and the same in every run. The code of
+        its class enters, too.
     folder
         Folder of the file; data/derived if None.
     """
@@ -160,7 +178,9 @@ class CachedTable:
     @property
     def path(self) -> Path:
         """File of the table; its name holds a hash of arguments and code."""
-        arguments = json.dumps([self.name, dict(self.depends_on)], sort_keys=True, default=repr)
+        arguments = json.dumps(
+            [self.name, dict(self.depends_on)], sort_keys=True, default=repr
+        )
         text = arguments + code_hash(self.make, *self.depends_on.values())
         number = hashlib.sha256(text.encode()).hexdigest()[:12]
         return (self.folder or paths.derived()) / f"{self.name}-{number}.parquet"
@@ -186,7 +206,9 @@ class CachedTable:
         try:
             return pd.read_parquet(path)
         except (OSError, ArrowException) as error:
-            raise InputError(f"{path}: cannot be read ({error}). Delete it to continue.") from error
+            raise InputError(
+                f"{path}: cannot be read ({error}). Delete it to continue."
+            ) from error
 
 
 def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], property]:
@@ -197,14 +219,16 @@ def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], proper
     Parameters
     ----------
     *depends_on
-        Names of all attributes of the object that the table depends on. The object's attribute
-        ``folder`` holds the file.
+        Names of all attributes of the object that the table depends on. The object's
+        attribute ``folder`` holds the file.
     """
 
     def decorate(make: Callable[[Any], pd.DataFrame]) -> property:
         def table(instance: Any) -> CachedTable:
             values = {name: getattr(instance, name) for name in depends_on}
-            return CachedTable(make.__name__, partial(make, instance), values, instance.folder)
+            return CachedTable(
+                make.__name__, partial(make, instance), values, instance.folder
+            )
 
         return property(table, doc=make.__doc__)
 

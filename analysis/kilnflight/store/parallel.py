@@ -1,7 +1,8 @@
-"""Work in pieces for processes of this machine or a Dask cluster, with the same results.
+"""Work in pieces for processes of this machine or a Dask cluster, with the same
+results.
 
-joblib's own Dask back end is not used: it works in this process where the cluster has one core,
-and waits for ever where a worker is killed (joblib 1.6).
+joblib's own Dask back end is not used: it works in this process where the cluster has
+one core, and waits for ever where a worker is killed (joblib 1.6).
 """
 
 from __future__ import annotations
@@ -39,10 +40,12 @@ class Workers:
     jobs
         Number of processes of this machine; not used with a scheduler.
     scheduler
-        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``. Its workers need the same
-        kilnflight, and the folders that are read and written under the same names.
+        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``. Its workers need
+        the same kilnflight, and the folders that are read and written under the same
+        names.
     into_logs
-        Whether the progress bar is printed if standard error is no terminal, every `LOGGED_S`.
+        Whether the progress bar is printed if standard error is no terminal, every
+        `LOGGED_S`.
     """
 
     jobs: int = 1
@@ -52,10 +55,17 @@ class Workers:
     def __post_init__(self) -> None:
         check_number(self.jobs, "workers: jobs", least=1, whole=True)
         if self.scheduler is not None and ":" not in self.scheduler:
-            raise InputError(f"scheduler {self.scheduler!r}: give host:port or tcp://host:port.")
+            raise InputError(
+                f"scheduler {self.scheduler!r}: give host:port or tcp://host:port."
+            )
 
     def __call__(
-        self, make: Make, pieces: Sequence[Any], frames: Sequence[int], label: str, before: int = 0
+        self,
+        make: Make,
+        pieces: Sequence[Any],
+        frames: Sequence[int],
+        label: str,
+        before: int = 0,
     ) -> None:
         """Call ``make(piece)`` for every piece, with a progress bar of frames.
 
@@ -70,28 +80,42 @@ class Workers:
         label
             Text of the bar.
         before
-            Number of frames finished in an earlier run; they do not count for the time left.
+            Number of frames finished in an earlier run; they do not count for the time
+            left.
 
         Raises
         ------
         InputError
-            If the scheduler does not answer or a process was killed. Errors of ``make`` are raised
-            as they are.
+            If the scheduler does not answer or a process was killed. Errors of ``make``
+            are raised as they are.
         """
         finished = self._local if self.scheduler is None else self._cluster
-        with tqdm(total=before + sum(frames), initial=before, **self._bar(label)) as bar:
-            for k in finished(partial(_numbered, make, os.getpid()), pieces) if pieces else ():
+        with tqdm(
+            total=before + sum(frames), initial=before, **self._bar(label)
+        ) as bar:
+            for k in (
+                finished(partial(_numbered, make, os.getpid()), pieces)
+                if pieces
+                else ()
+            ):
                 bar.update(frames[k])
 
     def _bar(self, label: str) -> dict[str, Any]:
         """Return the options of `tqdm`: where the bar is shown, and how often."""
-        options: dict[str, Any] = {"desc": label, "unit": "frame", "smoothing": 0}  # mean rate
-        if stem := os.environ.get(paths.NOTEBOOK):  # lines among those of make
+        options: dict[str, Any] = {
+            "desc": label,
+            "unit": "frame",
+            "smoothing": 0,
+        }  # mean rate
+        stem = os.environ.get(paths.NOTEBOOK)
+        if stem:  # lines among those of make
             options |= {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
             options["file"] = sys.__stdout__
         elif sys.stderr.isatty() or not self.into_logs:
             return options | {"disable": None}
-        return options | dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
+        return options | dict.fromkeys(
+            ("delay", "mininterval", "maxinterval"), LOGGED_S
+        )
 
     def _local(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the index of each piece that a process of this machine has finished.
@@ -102,7 +126,9 @@ class Workers:
             jobs = min(self.jobs, len(pieces))
             yield from run_all(make, enumerate(pieces), jobs, "generator_unordered")
         except BrokenExecutor as error:
-            raise InputError(f"a process was killed (out of memory?). {AGAIN}") from error
+            raise InputError(
+                f"a process was killed (out of memory?). {AGAIN}"
+            ) from error
 
     def _cluster(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the index of each piece that the cluster has finished.
@@ -113,37 +139,53 @@ class Workers:
             try:
                 from distributed import Client, KilledWorker, as_completed
 
-                client = Client(self.scheduler, timeout=PATIENCE_S, set_as_default=False)
+                client = Client(
+                    self.scheduler, timeout=PATIENCE_S, set_as_default=False
+                )
                 stack.enter_context(client)
                 client.wait_for_workers(1, timeout=PATIENCE_S)
                 client.run(_one_thread, 0)
             except (ImportError, OSError, ValueError, TypeError) as error:
-                needs = "It needs dask scheduler and dask worker with the same kilnflight[cluster]."
-                raise InputError(f"scheduler {self.scheduler}: {error}. {needs}") from error
+                needs = (
+                    "It needs dask scheduler and dask worker with the same "
+                    "kilnflight[cluster]."
+                )
+                raise InputError(
+                    f"scheduler {self.scheduler}: {error}. {needs}"
+                ) from error
             futures = client.map(make, range(len(pieces)), list(pieces), pure=False)
             try:
                 for future in as_completed(futures, loop=client.loop):
                     yield future.result()
             except KilledWorker as error:
-                raise InputError(f"workers of {self.scheduler} were killed. {AGAIN}") from error
+                raise InputError(
+                    f"workers of {self.scheduler} were killed. {AGAIN}"
+                ) from error
 
 
-def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator") -> Iterator[Any]:
+def run_all(
+    make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator"
+) -> Iterator[Any]:
     """Yield ``make(*piece)`` of every piece, computed by ``jobs`` processes.
 
     ``kind`` is joblib's ``return_as``: "generator" keeps the order of the pieces,
     "generator_unordered" yields results as they finish.
     """
     with warnings.catch_warnings():  # joblib's when it renews a process that has grown
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        warnings.filterwarnings(
+            "ignore", "A worker stopped while some jobs", UserWarning
+        )
         calls = (joblib.delayed(make)(*piece) for piece in pieces)
-        yield from joblib.Parallel(n_jobs=jobs, return_as=kind, initializer=_one_thread)(calls)
+        yield from joblib.Parallel(
+            n_jobs=jobs, return_as=kind, initializer=_one_thread
+        )(calls)
 
 
 def _one_thread(orphaned: int = 15) -> None:
     """Limit OpenCV to one thread, so that other workers keep their cores.
 
-    The process gets the signal ``orphaned`` (SIGTERM) when its parent is killed; 0: none.
+    The process gets the signal ``orphaned`` (SIGTERM) when its parent is killed; 0:
+    none.
     """
     import cv2
 
@@ -154,10 +196,13 @@ def _one_thread(orphaned: int = 15) -> None:
 def _numbered(make: Make, caller: int, number: int, piece: object) -> int:
     """Call ``make(piece)`` and return the piece's index ``number``.
 
-    Workers free their memory; the calling process (its id is ``caller``) keeps it for the next one.
+    Workers free their memory; the calling process (its id is ``caller``) keeps it for
+    the next one.
     """
     make(piece)
-    if os.getpid() != caller:  # joblib takes a process that keeps freed memory for leaking
+    if (
+        os.getpid() != caller
+    ):  # joblib takes a process that keeps freed memory for leaking
         gc.collect()
         getattr(ctypes.CDLL(None), "malloc_trim", abs)(0)  # on Linux
     return number

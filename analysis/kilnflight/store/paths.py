@@ -7,7 +7,8 @@ from pathlib import Path
 
 from kilnflight.checks import InputError
 
-# Names of environment variables: file that lists what was saved (for make); running notebook.
+# Names of environment variables: file that lists what was saved (for make); running
+# notebook.
 SAVED_LIST = "KILNFLIGHT_SAVED"
 NOTEBOOK = "KILNFLIGHT_NOTEBOOK"
 
@@ -15,11 +16,17 @@ NOTEBOOK = "KILNFLIGHT_NOTEBOOK"
 def root() -> Path:
     """Return the project's folder, which holds ``data/reference/claims.csv``.
 
-    It is KILNFLIGHT_ROOT if set, else the nearest one at or above the working directory, else above
-    this file. Raises an `InputError` if none of these holds that file.
+    It is KILNFLIGHT_ROOT if set, else the nearest one at or above the working
+    directory, else above this file. Raises an `InputError` if none of these holds that
+    file.
     """
-    named, here = os.environ.get("KILNFLIGHT_ROOT"), Path.cwd()
-    found = [Path(named)] if named else [here, *here.parents, *Path(__file__).resolve().parents]
+    named = os.environ.get("KILNFLIGHT_ROOT")
+    here = Path.cwd()
+    found = (
+        [Path(named)]
+        if named
+        else [here, *here.parents, *Path(__file__).resolve().parents]
+    )
     for folder in found:
         if (folder / "data" / "reference" / "claims.csv").is_file():
             return folder
@@ -45,7 +52,9 @@ def external() -> Path:
 
 def recordings() -> Path:
     """Return the folder of belt recordings: KILNFLIGHT_RECORDINGS or the authors'."""
-    return Path(os.environ.get("KILNFLIGHT_RECORDINGS") or external() / "belt_recordings")
+    return Path(
+        os.environ.get("KILNFLIGHT_RECORDINGS") or external() / "belt_recordings"
+    )
 
 
 def derived() -> Path:

@@ -1,9 +1,9 @@
 """Motion models, Kalman filter and 2.5D gate of all tracks at once.
 
-Sections 2.3.1, 2.3.3, 4.1.1 and 4.1.2 of the thesis. A state is one row of an (n, k) array, its
-covariance one (k, k) slice of an (n, k, k) array. It lists all positions, then all velocities (Eq.
-4.1), then all accelerations. Lengths are in px and times in frames; the belt takes mm and s. The
-control input B u of Eq. 2.42 is 0.
+Sections 2.3.1, 2.3.3, 4.1.1 and 4.1.2 of the thesis. A state is one row of an (n, k)
+array, its covariance one (k, k) slice of an (n, k, k) array. It lists all positions,
+then all velocities (Eq. 4.1), then all accelerations. Lengths are in px and times in
+frames; the belt takes mm and s. The control input B u of Eq. 2.42 is 0.
 
 ======================  =========  ==================================  ==============
 motion                  equation   default of the noise                source
@@ -15,10 +15,10 @@ motion                  equation   default of the noise                source
 
 Notes
 -----
-The thesis prints neither process nor measurement noise. The defaults follow from the scene: 330
-frames/s and about 3 mm per px at the lance make 5 to 30 px/frame. Drag changes that by a fraction
-of a px/frame in each frame. The centroid of a tumbling sheet, lit from the side, jumps by 1 to 3
-px. The defaults are not tuned to any result.
+The thesis prints neither process nor measurement noise. The defaults follow from the
+scene: 330 frames/s and about 3 mm per px at the lance make 5 to 30 px/frame. Drag
+changes that by a fraction of a px/frame in each frame. The centroid of a tumbling
+sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any result.
 """
 
 from __future__ import annotations
@@ -45,19 +45,19 @@ FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones f
 class Motion:
     """Motion in d dimensions whose highest derivative is constant but for white noise.
 
-    A state has k = d times the number of ``spreads`` entries. The noise is continuous, so two steps
-    of one frame equal one step of two frames.
+    A state has k = d times the number of ``spreads`` entries. The noise is continuous,
+    so two steps of one frame equal one step of two frames.
 
     Parameters
     ----------
     velocity
         (d,) px/frame, of a new track.
     spreads
-        Standard deviations of a measurement (px), of a new track's velocity (px/frame) and, if
-        given, of its acceleration (px/frame^2).
+        Standard deviations of a measurement (px), of a new track's velocity (px/frame)
+        and, if given, of its acceleration (px/frame^2).
     noise
-        Root of the density of the white noise: px/frame^1.5 of an acceleration, px/frame^2.5 of a
-        jerk.
+        Root of the density of the white noise: px/frame^1.5 of an acceleration,
+        px/frame^2.5 of a jerk.
     """
 
     velocity: tuple[float, ...]
@@ -65,7 +65,9 @@ class Motion:
     noise: float
 
     def __post_init__(self) -> None:
-        check_shape(check_finite(self.velocity, "motion: velocity"), (None,), "motion: velocity")
+        check_shape(
+            check_finite(self.velocity, "motion: velocity"), (None,), "motion: velocity"
+        )
         check_number(len(self.velocity), "motion: dimensions of velocity", least=1)
         names = ("measurement_sd", "velocity_sd", "acceleration_sd")
         for name, spread in zip(names, self.spreads, strict=False):
@@ -80,10 +82,16 @@ class Motion:
 
     def process_noise(self, frames: float) -> Array:
         """Return the covariance Q (k, k) of the white noise over a number of frames."""
-        from filterpy.common import Q_continuous_white_noise  # it imports matplotlib and more
+        from filterpy.common import (
+            Q_continuous_white_noise,
+        )  # it imports matplotlib and more
 
-        order, axes, density = len(self.spreads), len(self.velocity), self.noise**2
-        noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
+        order = len(self.spreads)
+        axes = len(self.velocity)
+        density = self.noise**2
+        noise = Q_continuous_white_noise(
+            order, float(frames), density, axes, order_by_dim=False
+        )
         return np.asarray(noise, dtype=np.float64)
 
     def measurement_noise(self) -> Array:
@@ -107,7 +115,8 @@ def ConstantVelocity(  # noqa: N802  named as the model
 ) -> Motion:
     """Return uniform motion with white noise of the acceleration (Eqs 4.1 to 4.5).
 
-    Eq. 4.5 prints no Q. The thesis takes the motion between two frames as uniform (section 2.3.1).
+    Eq. 4.5 prints no Q. The thesis takes the motion between two frames as uniform
+    (section 2.3.1).
     """
     return Motion(velocity, (measurement_sd, velocity_sd), acceleration_noise)
 
@@ -121,8 +130,8 @@ def ConstantAcceleration(  # noqa: N802  named as the model
 ) -> Motion:
     """Return uniform acceleration with white noise of the jerk.
 
-    This is the motion model of the belt papers of 2016 and 2020. A new track has acceleration 0
-    with standard deviation ``acceleration_sd``.
+    This is the motion model of the belt papers of 2016 and 2020. A new track has
+    acceleration 0 with standard deviation ``acceleration_sd``.
     """
     return Motion(velocity, (measurement_sd, velocity_sd, acceleration_sd), jerk_noise)
 
@@ -136,11 +145,13 @@ def predict(
 
     Notes
     -----
-    Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right, but the
-    text below it says posterior, and so does Eq. 4.6. The posterior is taken here.
+    Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right,
+    but the text below it says posterior, and so does Eq. 4.6. The posterior is taken
+    here.
     """
     n, k = state.shape
-    # Products of all rows at once: one for each track takes twice as long. P is symmetric.
+    # Products of all rows at once: one for each track takes twice as long. P is
+    # symmetric.
     half = (covariance.reshape(n * k, k) @ transition.T).reshape(n, k, k).mT
     spread = (half.reshape(n * k, k) @ transition.T).reshape(n, k, k) + process_noise
     return state @ transition.T, 0.5 * (spread + spread.mT)
@@ -158,26 +169,30 @@ def update(
     pairs
         Their gated pairs with the detections.
     weights
-        (p,) of the pairs. One pair of weight 1 is the textbook update (Eqs 2.46-2.48). Without
-        weights the prediction stays.
+        (p,) of the pairs. One pair of weight 1 is the textbook update (Eqs 2.46-2.48).
+        Without weights the prediction stays.
 
     Notes
     -----
-    Eqs 2.52-2.56. Eq. 2.55 is taken as printed, by Cholesky's factor L of S. With W' = L^-1 H P,
-    the gain is K = W L^-1 and K S K' = W W'. Eq. 2.56 is computed as the scatter of the
-    innovations about their mean, "missed" counting as an innovation of zero. This is the printed
-    term, as a sum of squares.
+    Eqs 2.52-2.56. Eq. 2.55 is taken as printed, by Cholesky's factor L of S. With W' =
+    L^-1 H P, the gain is K = W L^-1 and K S K' = W W'. Eq. 2.56 is computed as the
+    scatter of the innovations about their mean, "missed" counting as an innovation of
+    zero. This is the printed term, as a sum of squares.
     """
     (n, d), track = pairs.expected.shape, pairs.track
     root = pairs.root @ covariance[:, :d]  # W' (n, d, k); H selects positions
-    mean = np.array([np.bincount(track, weights * each, n) for each in pairs.innovation.T]).T
+    mean = np.array(
+        [np.bincount(track, weights * each, n) for each in pairs.innovation.T]
+    ).T
     given = np.bincount(track, weights, n)[:, None, None]  # 1 - the weight of "missed"
     moved = state + np.einsum("ndk,nd->nk", root, mean)  # Eqs 2.46 and 2.52
     spread = covariance - (given * root.mT) @ root  # Eq. 2.54 with 2.55
     if weights.dtype != np.bool_:
         scatter = (1.0 - given) * mean[:, :, None] * mean[:, None]
         apart = pairs.innovation - mean[track]
-        np.add.at(scatter, track, weights[:, None, None] * apart[:, :, None] * apart[:, None])
+        np.add.at(
+            scatter, track, weights[:, None, None] * apart[:, :, None] * apart[:, None]
+        )
         spread += root.mT @ scatter @ root  # Eq. 2.56
     return moved, np.asarray(0.5 * (spread + spread.mT))
 
@@ -189,7 +204,8 @@ class Detected(NamedTuple):
     depth_mm: Array | None = None  # (m,), NaN: no depth
     points: Array | None = None  # (m,), number of 3D points; NaN: unknown
     frame: int = 0  # its number
-    span: float = 1.0  # since the `Detected` before, in the unit of the motion: frames, or s (belt)
+    # since the `Detected` before, in the unit of the motion: frames, or s (belt)
+    span: float = 1.0
     rows: Integers = NO_ROWS  # (m,), row numbers in the table of detections
 
 
@@ -197,28 +213,33 @@ class Detected(NamedTuple):
 class Gate:
     """Limit the distance of detections from a track (Eq. 4.8).
 
-    The gate is an elliptical cylinder (Fig. 4.2). A pair is inside if its Mahalanobis distance in
-    the image and its difference in depth are both strictly below their limits. With ``distance`` 0
-    no pair passes.
+    The gate is an elliptical cylinder (Fig. 4.2). A pair is inside if its Mahalanobis
+    distance in the image and its difference in depth are both strictly below their
+    limits. With ``distance`` 0 no pair passes.
 
     Notes
     -----
-    Eq. 4.7 prints the covariance P of the state and the state x itself. A 2D distance between a
-    prediction and a detection needs the predicted position. The covariance of their difference is
-    S = H P H' + R, as in Eq. 2.50. These two are taken here.
+    Eq. 4.7 prints the covariance P of the state and the state x itself. A 2D distance
+    between a prediction and a detection needs the predicted position. The covariance of
+    their difference is S = H P H' + R, as in Eq. 2.50. These two are taken here.
 
-    Neither limit is printed. ``distance`` 4 loses one detection of a thesis-like Gaussian
-    track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3). JPDA's is "smaller
-    than GNN" (section 5.2.3), by how much is not printed. ``depth_mm`` is the only step in depth
-    that is printed, z_eps of Table 5.16. It holds for a gap of any length, since the error of the
-    depth outweighs the motion. A pair without depth on either side is judged in the image alone.
+    Neither limit is printed. ``distance`` 4 loses one detection of a thesis-like
+    Gaussian track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3).
+    JPDA's is "smaller than GNN" (section 5.2.3), by how much is not printed.
+    ``depth_mm`` is the only step in depth that is printed, z_eps of Table 5.16. It
+    holds for a gap of any length, since the error of the depth outweighs the motion. A
+    pair without depth on either side is judged in the image alone.
     """
 
     distance: float = 4.0  # d_ij,eps, in standard deviations; not printed
-    depth_mm: float = 1500.0  # d_z,eps; not printed, z_eps of Table 5.16; may be infinite
+    depth_mm: float = (
+        1500.0  # d_z,eps; not printed, z_eps of Table 5.16; may be infinite
+    )
 
     def __post_init__(self) -> None:
-        check_number(self.distance, "Gate: distance", least=0, most=1e6)  # areas stay finite
+        check_number(
+            self.distance, "Gate: distance", least=0, most=1e6
+        )  # areas stay finite
         if self.depth_mm != math.inf:
             check_number(self.depth_mm, "Gate: depth_mm", least=0)
 
@@ -232,18 +253,19 @@ class Gate:
     ) -> Pairs:
         """Return the pairs of n tracks and m detections within the gate.
 
-        A pair whose depth is unknown on either side is judged by its distance in the image alone.
+        A pair whose depth is unknown on either side is judged by its distance in the
+        image alone.
 
         Parameters
         ----------
         expected, residual
-            Predicted positions (n, d) in px and residual covariances S (n, d, d) in px^2; on the
-            belt in mm and mm^2.
+            Predicted positions (n, d) in px and residual covariances S (n, d, d) in
+            px^2; on the belt in mm and mm^2.
         detected
             The m detections of the frame.
         depth_mm, points
-            (n,) last known depth and number of 3D points of each track; NaN: unknown. None: unknown
-            for all.
+            (n,) last known depth and number of 3D points of each track; NaN: unknown.
+            None: unknown for all.
 
         Returns
         -------
@@ -256,16 +278,26 @@ class Gate:
             If a residual covariance in the plane is singular.
         """
         logs, root = _root(residual)
-        d, limit = expected.shape[1], self.distance**2
+        d = expected.shape[1]
+        limit = self.distance**2
         # No axis of an ellipse is longer than the root of the trace of S.
-        i, j = _near(expected, detected.positions, limit * np.einsum("naa->n", residual))
-        innovation = np.einsum("pab,pb->pa", root[i], detected.positions[j] - expected[i])
+        i, j = _near(
+            expected, detected.positions, limit * np.einsum("naa->n", residual)
+        )
+        innovation = np.einsum(
+            "pab,pb->pa", root[i], detected.positions[j] - expected[i]
+        )
         squares = np.einsum("pa,pa->p", innovation, innovation)
         inside = squares < limit
         if depth_mm is not None and detected.depth_mm is not None:
-            inside &= ~(np.abs(depth_mm[i] - detected.depth_mm[j]) >= self.depth_mm)  # NaN passes
+            inside &= ~(
+                np.abs(depth_mm[i] - detected.depth_mm[j]) >= self.depth_mm
+            )  # NaN passes
         some = np.flatnonzero(inside)
-        i, j, squares, innovation = i[some], j[some], squares[some], innovation[some]
+        i = i[some]
+        j = j[some]
+        squares = squares[some]
+        innovation = innovation[some]
         sizes = np.zeros(len(i))
         if points is not None and detected.points is not None:
             sizes = np.abs(points[i] - detected.points[j])
@@ -273,8 +305,11 @@ class Gate:
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         areas = ball * self.distance**d * np.exp(logs / 2)
         probability = float(gammainc(d / 2, limit / 2))
-        m, places = len(detected.positions), (expected, residual, root)
-        return Pairs(i, j, squares, sizes, innovation, logs, areas, probability, *places, m)
+        m = len(detected.positions)
+        places = (expected, residual, root)
+        return Pairs(
+            i, j, squares, sizes, innovation, logs, areas, probability, *places, m
+        )
 
 
 def _root(matrices: Array) -> tuple[Array, Array]:
@@ -288,16 +323,21 @@ def _root(matrices: Array) -> tuple[Array, Array]:
     rest = matrices[:, 1, 1] - below * below
     if not rest.min(initial=1.0) > 0:  # NaN is not
         raise InputError(
-            "motion: a residual covariance (S = H P H' + R) is singular. Give the motion more "
-            "measurement noise."
+            "motion: a residual covariance (S = H P H' + R) is singular. Give the "
+            "motion more measurement noise."
         )
-    second, root = np.sqrt(rest), np.zeros(matrices.shape)
-    root[:, 0, 0], root[:, 1, 1], root[:, 1, 0] = 1 / first, 1 / second, -below / (first * second)
+    second = np.sqrt(rest)
+    root = np.zeros(matrices.shape)
+    root[:, 0, 0] = 1 / first
+    root[:, 1, 1] = 1 / second
+    root[:, 1, 0] = -below / (first * second)
     return 2.0 * (np.log(first) + np.log(second)), root
 
 
 def _near(expected: Array, positions: Array, reach: Array) -> tuple[Index, Index]:
-    """Return the pairs of n tracks and m detections within a squared distance ``reach`` (n,)."""
+    """Return the pairs of n tracks and m detections within a squared distance ``reach``
+    (n,).
+    """
     n = len(expected)
     if n * len(positions) <= FEW:
         axes = zip(expected.T, positions.T, strict=True)

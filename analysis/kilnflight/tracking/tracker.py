@@ -1,9 +1,10 @@
 """The tracking loop: from detections to tracks (thesis, section 4.1).
 
-Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves the kiln and
-the belt, every associator and every motion; within a frame all tracks are one array. Tracks consist
-of the original detections; the filter is used only for association. A probabilistic track is
-recorded at the mean of its weighted detections (section 5.2.3).
+Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves
+the kiln and the belt, every associator and every motion; within a frame all tracks are
+one array. Tracks consist of the original detections; the filter is used only for
+association. A probabilistic track is recorded at the mean of its weighted detections
+(section 5.2.3).
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
 from kilnflight.checks import check_columns, check_finite, check_number
 from kilnflight.tables import TO_TRACK, plain, with_pixels
-from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion, predict, update
+from kilnflight.tracking.filter import (
+    ConstantVelocity,
+    Detected,
+    Gate,
+    Motion,
+    predict,
+    update,
+)
 
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
@@ -46,24 +54,27 @@ class Step(NamedTuple):
 class Management:
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 
-    A track ends if its visibility, recorded detections by frames of life, is below ``visibility``,
-    or if it was missed in more than ``invisible`` frames in a row. Detections that no track has
-    used start new tracks.
+    A track ends if its visibility, recorded detections by frames of life, is below
+    ``visibility``, or if it was missed in more than ``invisible`` frames in a row.
+    Detections that no track has used start new tracks.
 
     Notes
     -----
-    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of 30 px/frame
-    that brakes by 0.3 px/frame^2 leaves its prediction by about 5 px. Longer gaps, up to 15 frames,
-    are closed afterwards (t_eps,CONNECT of Table 5.16). ``visibility``: SIFT finds about half of
-    the particles that do not burn and all of those that do (section 5.1), so a true track nearly
-    always lies above 0.4. As printed it is tested from the first frame on: one miss in the second
-    frame makes 0.5, another 1/3. Frames without detections count. ``used``: a detection with a
+    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of 30
+    px/frame that brakes by 0.3 px/frame^2 leaves its prediction by about 5 px. Longer
+    gaps, up to 15 frames, are closed afterwards (t_eps,CONNECT of Table 5.16).
+    ``visibility``: SIFT finds about half of the particles that do not burn and all of
+    those that do (section 5.1), so a true track nearly always lies above 0.4. As
+    printed it is tested from the first frame on: one miss in the second frame makes
+    0.5, another 1/3. Frames without detections count. ``used``: a detection with a
     tenth of a track's weight is part of the recorded position.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
     invisible: int = 5  # CIC_eps, frames in a row; not printed
-    used: float = 0.1  # weight in a track from which a detection starts none; not printed
+    used: float = (
+        0.1  # weight in a track from which a detection starts none; not printed
+    )
 
     def __post_init__(self) -> None:
         check_number(self.visibility, "Management: visibility", least=0, most=1)
@@ -77,9 +88,14 @@ class Management:
 
 
 # Weights (p,), extra columns (n,) of tracks, and (m,) of detections if they start one.
-Associate = Callable[[Tracks, Detected, Pairs], tuple[Array | Flags, ExtraColumns, ExtraColumns]]
+Associate = Callable[
+    [Tracks, Detected, Pairs], tuple[Array | Flags, ExtraColumns, ExtraColumns]
+]
 Keeps = Callable[[Tracks, int], Flags]  # which tracks live on in a frame
-_GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
+_GNN = GNN()
+_MOTION = ConstantVelocity()
+_GATE = Gate()
+_MANAGEMENT = Management()
 
 
 def track(
@@ -97,9 +113,9 @@ def track(
     Parameters
     ----------
     detections
-        Columns frame (from 0; floats may hold them) and row, col or y, x (px). Where present, z
-        (mm) and points are used; NaN in z, and NaN or 0 in points, mean unknown. Other columns
-        are carried along.
+        Columns frame (from 0; floats may hold them) and row, col or y, x (px). Where
+        present, z (mm) and points are used; NaN in z, and NaN or 0 in points, mean
+        unknown. Other columns are carried along.
     associator, motion, gate, management
         Association of a frame, motion of particles, limits of distance, end of tracks.
     progress
@@ -109,44 +125,51 @@ def track(
     -------
     table
         The same rows in the same order, with the same index. A detection that no other
-        follows is a track of its own. Detections that a track has used, and did not record, have
-        ``particle`` -1. Rows that come with -1 stay so and are left out; any other particle is
-        overwritten. With `PDA` or `JPDA`, a row holds the recorded position of its track: row,
-        col, x, y, z are weighted means of the detections in the gate, other columns are those of
-        the row itself.
+        follows is a track of its own. Detections that a track has used, and did not
+        record, have ``particle`` -1. Rows that come with -1 stay so and are left out;
+        any other particle is overwritten. With `PDA` or `JPDA`, a row holds the
+        recorded position of its track: row, col, x, y, z are weighted means of the
+        detections in the gate, other columns are those of the row itself.
 
     Raises
     ------
     InputError
-        If a column is missing or there twice, a frame is below 0 or no whole number, or a position
-        is not finite.
+        If a column is missing or there twice, a frame is below 0 or no whole number, or
+        a position is not finite.
 
     Notes
     -----
-    "JPDA computes the average coordinates of all detections within the gate as the temporal track
-    locations" (section 5.2.3; "a weighted position", Fig. 2.22). Here a track is recorded in a
-    frame if all its detections together outweigh "missed" (Eq. 4.10), in the row of its heaviest
-    detection. It may also take a row whose detection alone outweighs "missed". A third kind of row
-    belongs to some track with a probability above 0.5 and to this one with the largest. Pairs are
-    taken by descending weight; each track and each detection is taken once.
+    "JPDA computes the average coordinates of all detections within the gate as the
+    temporal track locations" (section 5.2.3; "a weighted position", Fig. 2.22). Here a
+    track is recorded in a frame if all its detections together outweigh "missed" (Eq.
+    4.10), in the row of its heaviest detection. It may also take a row whose detection
+    alone outweighs "missed". A third kind of row belongs to some track with a
+    probability above 0.5 and to this one with the largest. Pairs are taken by
+    descending weight; each track and each detection is taken once.
 
-    Within a frame, detections are sorted by row, col, z, points, so neither tracks nor ids
-    depend on the order of the table.
+    Within a frame, detections are sorted by row, col, z, points, so neither tracks nor
+    ids depend on the order of the table.
     """
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    shared, hidden = list[tuple[Integers, Integers, Any]](), None if progress else True
+    shared = list[tuple[Integers, Integers, Any]]()
+    hidden = None if progress else True
     each = steps(detections, associator, motion, gate, management)
-    for step in tqdm(each, "tracking", detections["frame"].nunique(), unit="frame", disable=hidden):
+    for step in tqdm(
+        each, "tracking", detections["frame"].nunique(), unit="frame", disable=hidden
+    ):
         rows = step.detected.rows
         particle[rows] = step.particle
         if step.weights.dtype != np.bool_:
-            at, taken = np.full(len(step.pairs.expected), -1), np.flatnonzero(step.owner >= 0)
+            at = np.full(len(step.pairs.expected), -1)
+            taken = np.flatnonzero(step.owner >= 0)
             at[step.owner[taken]] = rows[taken]
             at = at[step.pairs.track]
             used = (at >= 0) & (step.weights > 0)
-            shared.append((at[used], rows[step.pairs.detection[used]], step.weights[used]))
+            shared.append(
+                (at[used], rows[step.pairs.detection[used]], step.weights[used])
+            )
     return _averaged(detections, shared).assign(particle=particle)
 
 
@@ -155,22 +178,26 @@ def _averaged(
 ) -> pd.DataFrame:
     """Return the table with weighted mean positions where a track used several rows.
 
-    ``shared`` has, per frame and weight above 0, the row (q,) that gets a mean, the row of the
-    detection (q,) and the weight (q,). Means are of row, col, x, y, z; an unknown value has no
-    weight.
+    ``shared`` has, per frame and weight above 0, the row (q,) that gets a mean, the row
+    of the detection (q,) and the weight (q,). Means are of row, col, x, y, z; an
+    unknown value has no weight.
     """
     if not shared:
         return detections
     at, rows, weights = map(np.concatenate, zip(*shared, strict=True))
-    table, count = detections.copy(), len(detections)
+    table = detections.copy()
+    count = len(detections)
     several = np.flatnonzero(np.bincount(at, minlength=count) > 1)
     for name in ("row", "col", "x", "y", "z") if len(several) else ():
         if name in table.columns:
             places = table[name].to_numpy(np.float64, copy=True)
-            known, sums = ~np.isnan(places[rows]), np.where(np.isnan(places), 0.0, places)
+            known = ~np.isnan(places[rows])
+            sums = np.where(np.isnan(places), 0.0, places)
             sums = np.bincount(at, weights * sums[rows], count)[several]
             with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
-                places[several] = sums / np.bincount(at, weights * known, count)[several]
+                places[several] = (
+                    sums / np.bincount(at, weights * known, count)[several]
+                )
             table[name] = places
     return table
 
@@ -194,17 +221,19 @@ def steps(
         return associator(pairs), {}, {}
 
     frames = read_detections(detections)
-    yield from follow(frames, motion, gate, associate, management.keeps, used=management.used)
+    yield from follow(
+        frames, motion, gate, associate, management.keeps, used=management.used
+    )
 
 
 def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     """Yield the detections of each frame that has any, by ascending frame.
 
-    Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in px in place
-    of row, col is renamed. ``span`` is the number of frames since the last frame with detections, 0
-    in the first one. Unknown z and points are NaN, or None where all are. Within a frame,
-    detections are sorted by row, col, z, points: ids of new tracks and ties then do not depend on
-    the order of the table.
+    Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in
+    px in place of row, col is renamed. ``span`` is the number of frames since the last
+    frame with detections, 0 in the first one. Unknown z and points are NaN, or None
+    where all are. Within a frame, detections are sorted by row, col, z, points: ids of
+    new tracks and ties then do not depend on the order of the table.
     """
     table = with_pixels(table)
     optional = [name for name in ("particle", "z", "points") if name in table.columns]
@@ -216,21 +245,29 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     frames, row, col, z = TO_TRACK.check(table, once=True).to_numpy(np.float64).T
     points = np.full(len(table), np.nan)
     if "points" in optional:
-        points = check_finite(table["points"], "detections to track: column points", gaps=True)
+        points = check_finite(
+            table["points"], "detections to track: column points", gaps=True
+        )
         points = np.where(points > 0, points, np.nan)
     more = [None if np.isnan(values).all() else values for values in (z, points)]
     keys = [*(values for values in more[::-1] if values is not None), col, row]
-    order, places = np.argsort(frames, kind="stable"), np.stack([row, col], axis=1)
+    order = np.argsort(frames, kind="stable")
+    places = np.stack([row, col], axis=1)
     numbers, starts = np.unique(frames[order].astype(np.int64), return_index=True)
-    spans, ends = np.diff(numbers, prepend=numbers[:1]).astype(float), [*starts[1:], len(order)]
-    for number, span, start, end in zip(numbers.tolist(), spans, starts, ends, strict=False):
+    spans = np.diff(numbers, prepend=numbers[:1]).astype(float)
+    ends = [*starts[1:], len(order)]
+    for number, span, start, end in zip(
+        numbers.tolist(), spans, starts, ends, strict=False
+    ):
         part = order[start:end]
         part = part[np.lexsort([key[part] for key in keys])]
         depth, size = (None if values is None else values[part] for values in more)
         yield Detected(places[part], depth, size, number, float(span), rows[part])
 
 
-def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dtype[np.void]:
+def _layout(
+    motion: Motion, extra_columns: Sequence[tuple[str, type]]
+) -> np.dtype[np.void]:
     """Return the dtype of `Tracks`: one field per column.
 
     The state has k numbers: positions, velocities and so on of ``motion``.
@@ -246,7 +283,10 @@ def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dty
             ("born", np.int64),  # frame
             ("last", np.int64),  # frame of the last recorded detection
             ("visible", np.int64),  # number of recorded detections, V in Eq. 4.14
-            ("row", np.int64),  # of the table: what was recorded in this frame; -1: missed
+            (
+                "row",
+                np.int64,
+            ),  # of the table: what was recorded in this frame; -1: missed
             *extra_columns,
         ]
     )
@@ -270,8 +310,9 @@ def follow(
     motion, gate
         Motion of particles, limits of distance.
     associate
-        Function of tracks, detections and gated pairs. It returns weights (p,), extra columns of
-        the n tracks, and extra columns of the m tracks that the detections would start.
+        Function of tracks, detections and gated pairs. It returns weights (p,), extra
+        columns of the n tracks, and extra columns of the m tracks that the detections
+        would start.
     keeps
         Function of tracks and frame number that returns which tracks live on, (n,).
     extra_columns
@@ -279,23 +320,34 @@ def follow(
     used
         Weight in a recorded track from which a detection starts no new one.
     """
-    noise, born = motion.measurement_noise(), np.zeros(1, _layout(motion, extra_columns))
+    noise = motion.measurement_noise()
+    born = np.zeros(1, _layout(motion, extra_columns))
     born["state"], born["covariance"] = motion.initial()
     born["depth_mm"] = born["points"] = np.nan
     # ``room`` has the n tracks, one for each detection to start, and ``born``.
-    room, n, started, span, d = born, 0, 0, -1.0, len(noise)
+    room = born
+    n = 0
+    started = 0
+    span = -1.0
+    d = len(noise)
     for detected in frames:
-        kept, m = np.flatnonzero(keeps(room[:n], detected.frame)), len(detected.positions)
-        room, n = room.take(np.concatenate([kept, np.full(m + 1, -1)])), len(kept)
+        kept = np.flatnonzero(keeps(room[:n], detected.frame))
+        m = len(detected.positions)
+        room = room.take(np.concatenate([kept, np.full(m + 1, -1)]))
+        n = len(kept)
         tracks = room[:n]
         if detected.span != span:
             span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
         state, covariance = predict(tracks["state"], tracks["covariance"], *moves)
         residual = covariance[:, :d, :d] + noise  # S = H P H' + R; H selects positions
-        pairs = gate(state[:, :d], residual, detected, tracks["depth_mm"], tracks["points"])
+        pairs = gate(
+            state[:, :d], residual, detected, tracks["depth_mm"], tracks["points"]
+        )
         weights, extra, extra_of_new = associate(tracks, detected, pairs)
-        tracks["state"], tracks["covariance"] = update(state, covariance, pairs, weights)
+        tracks["state"], tracks["covariance"] = update(
+            state, covariance, pairs, weights
+        )
         tracks["row"] = -1
         for name, values in extra.items():
             tracks[name] = values
@@ -305,14 +357,19 @@ def follow(
             used_by = np.isin(pairs.track, owner)
             np.maximum.at(share, pairs.detection[used_by], weights[used_by])
         alone = np.flatnonzero((owner < 0) & (share < used))
-        new, at = room[n : n + len(alone)], owner.copy()  # ``at``: the track of each detection
+        new = room[n : n + len(alone)]
+        at = owner.copy()  # ``at``: the track of each detection
         at[alone] = n + np.arange(len(alone))
-        new["particle"], new["born"] = started + np.arange(len(alone)), detected.frame
+        new["particle"] = started + np.arange(len(alone))
+        new["born"] = detected.frame
         new["state"][:, :d] = detected.positions[alone]
         for name, values in extra_of_new.items():
             new[name] = values[alone]
-        tracks, n, started = room[: n + len(alone)], n + len(alone), started + len(alone)
-        recorded, particle = np.flatnonzero(at >= 0), np.full(m, -1)
+        tracks = room[: n + len(alone)]
+        n = n + len(alone)
+        started = started + len(alone)
+        recorded = np.flatnonzero(at >= 0)
+        particle = np.full(m, -1)
         particle[recorded] = tracks["particle"][at[recorded]]
         _record(tracks, at[recorded], detected, recorded)
         yield Step(detected, pairs, weights, particle, owner, tracks)
@@ -321,11 +378,12 @@ def follow(
 def _record(tracks: Tracks, at: Index, detected: Detected, recorded: Index) -> None:
     """Write k recorded detections into the tracks ``at`` (k,), in place.
 
-    ``recorded`` (k,) are the indices of the detections. A track keeps its depth (mm) and number of
-    3D points where a detection has none.
+    ``recorded`` (k,) are the indices of the detections. A track keeps its depth (mm)
+    and number of 3D points where a detection has none.
     """
     tracks["visible"][at] += 1
-    tracks["last"][at], tracks["row"][at] = detected.frame, detected.rows[recorded]
+    tracks["last"][at] = detected.frame
+    tracks["row"][at] = detected.rows[recorded]
     for name, values in (("depth_mm", detected.depth_mm), ("points", detected.points)):
         if values is not None:
             known = ~np.isnan(values[recorded])
@@ -335,24 +393,29 @@ def _record(tracks: Tracks, at: Index, detected: Detected, recorded: Index) -> N
 def record(pairs: Pairs, weights: Array | Flags) -> Index:
     """Return the index of the track (m,) recorded at each detection; -1: none.
 
-    ``weights`` (p,) are those of the pairs. The rule is in the notes of `track`. At equal weight
-    the older track comes first, then the first detection.
+    ``weights`` (p,) are those of the pairs. The rule is in the notes of `track`. At
+    equal weight the older track comes first, then the first detection.
     """
-    owner, n = np.full(pairs.detections, -1), len(pairs.expected)
+    owner = np.full(pairs.detections, -1)
+    n = len(pairs.expected)
     if weights.dtype == np.bool_:
         owner[pairs.detection[weights]] = pairs.track[weights]
         return owner
     order = np.argsort(-1.0 * weights, kind="stable")
     order = order[weights[order] > 0]
-    track, detection, weight = pairs.track[order], pairs.detection[order], weights[order]
+    track = pairs.track[order]
+    detection = pairs.detection[order]
+    weight = weights[order]
     first, heaviest = np.zeros((2, len(order)), np.bool_)
     first[np.unique(detection, return_index=True)[1]] = True
     heaviest[np.unique(track, return_index=True)[1]] = True
-    given, free = np.bincount(pairs.track, weights, n), np.ones(n, np.bool_)
+    given = np.bincount(pairs.track, weights, n)
+    free = np.ones(n, np.bool_)
     likely = first & (np.bincount(detection, weight, len(owner))[detection] > 0.5)
     there = heaviest & (given[track] > 0.5)
     chosen = likely | there | (weight > 1.0 - given[track])
     for i, j in zip(track[chosen].tolist(), detection[chosen].tolist(), strict=True):
         if free[i] and owner[j] < 0:
-            owner[j], free[i] = i, False
+            owner[j] = i
+            free[i] = False
     return owner

@@ -5,23 +5,25 @@ Section 4.2 of the thesis, with the values of Table 5.16.
     tracks -> Elimination -> OutlierRemoval -> Connection -> Fusion -> the same columns
 
 ================  =================  ============================================  ==========
-step              equation           default                                       source
+step              equation           default
+source
 ================  =================  ============================================  ==========
-`Elimination`     Eqs 4.15 to 4.17   2 frames, 1 px/frame, correlation 0.9         sec. 4.2.1
-`OutlierRemoval`  Eqs 4.18 to 4.20   30 degrees and 18 px/frame                    sec. 4.2.2
-`Connection`      Eqs 4.21 to 4.25   gap 15, overlap 5 frames, 1500 mm/frame       sec. 4.2.3
-`Fusion`          sec. 4.2.4         mean distance 10 px                           sec. 4.2.4
+`Elimination`     Eqs 4.15 to 4.17   2 frames, 1 px/frame, correlation 0.9         sec.
+4.2.1 `OutlierRemoval`  Eqs 4.18 to 4.20   30 degrees and 18 px/frame
+sec. 4.2.2 `Connection`      Eqs 4.21 to 4.25   gap 15, overlap 5 frames, 1500 mm/frame
+sec. 4.2.3 `Fusion`          sec. 4.2.4         mean distance 10 px
+sec. 4.2.4
 ================  =================  ============================================  ==========
 
-A track is called a tracklet before these steps and a trajectory after them (section 4.2). A path
-is a tracklet in arrays.
-A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), and ``row`` and
-``col`` (or ``y`` and ``x``) in px. It may have ``z``, with ``x`` and ``y``, in mm (NaN where
-unknown). Other columns are carried through. Every row comes back, in its place. The rows of
-eliminated tracklets, outliers and merged duplicates get particle -1; `tracked` leaves them out.
-Particles are numbered from 0 by first frame, then first position. Each step is idempotent; the
-whole chain is not. `Cutting` is no step of the thesis; `kilnflight.chain` cuts after the last one,
-before the regression.
+A track is called a tracklet before these steps and a trajectory after them (section
+4.2). A path is a tracklet in arrays. A track table has whole numbers ``frame`` and
+``particle`` (-1: in no track), and ``row`` and ``col`` (or ``y`` and ``x``) in px. It
+may have ``z``, with ``x`` and ``y``, in mm (NaN where unknown). Other columns are
+carried through. Every row comes back, in its place. The rows of eliminated tracklets,
+outliers and merged duplicates get particle -1; `tracked` leaves them out. Particles are
+numbered from 0 by first frame, then first position. Each step is idempotent; the whole
+chain is not. `Cutting` is no step of the thesis; `kilnflight.chain` cuts after the last
+one, before the regression.
 """
 
 from collections.abc import Iterable
@@ -48,8 +50,9 @@ def postprocess(
         Track table, see `kilnflight.tracklets`.
     differences
         (frames, rows, cols) differences of the recording's frames and their background,
-        in grey values; any object with ``shape`` that is sliced like an array. They show a moving
-        particle as a streak, the last term of Eq. 4.24. None leaves that term out.
+        in grey values; any object with ``shape`` that is sliced like an array. They
+        show a moving particle as a streak, the last term of Eq. 4.24. None leaves that
+        term out.
     steps
         In the order of chapter 4.2.
 

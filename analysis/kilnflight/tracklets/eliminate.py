@@ -21,11 +21,12 @@ class Elimination(PathStep):
 
     Notes
     -----
-    The duration is the number of assigned positions. Eq. 4.16 divides the sum of the velocities,
-    one fewer than the positions, by the duration less one. The thesis does not say how two
-    coordinates become one coefficient. Here row(t) and col(t) each have their polynomial, and the
-    coefficient is pooled over both centred coordinates. So each weighs by its variance, and one
-    that is constant has weight 0. Three positions always give 1. Source: Eqs 4.15 to 4.17, thesis.
+    The duration is the number of assigned positions. Eq. 4.16 divides the sum of the
+    velocities, one fewer than the positions, by the duration less one. The thesis does
+    not say how two coordinates become one coefficient. Here row(t) and col(t) each have
+    their polynomial, and the coefficient is pooled over both centred coordinates. So
+    each weighs by its variance, and one that is constant has weight 0. Three positions
+    always give 1. Source: Eqs 4.15 to 4.17, thesis.
     """
 
     duration: float = 2.0  # assigned frames, D_eps, Table 5.16
@@ -44,8 +45,9 @@ class Elimination(PathStep):
 def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
     """Return the mean speed (m,) of each path in px/frame; 0 for one point (Eq. 4.16).
 
-    ``names`` (n,) is the path of each point, from 0, ``frame`` (n,) its frame and ``place`` (n, 2
-    or more) its row and col in px. Points must be sorted by path and frame.
+    ``names`` (n,) is the path of each point, from 0, ``frame`` (n,) its frame and
+    ``place`` (n, 2 or more) its row and col in px. Points must be sorted by path and
+    frame.
     """
     return means(*speeds(names, frame, place), int(names.max(initial=-1)) + 1)
 
@@ -53,11 +55,12 @@ def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
 def regularity(names: Index, frame: Whole, place: Array) -> Array:
     """Return the correlation (m,) of each path with quadratic polynomials (Eq. 4.15).
 
-    ``names`` (n,) is the path of each point, from 0 without gaps; ``frame`` (n,) its frame and
-    ``place`` (n, 2 or more) its row and col in px. Points must be sorted by path and frame. The
-    polynomials are row(t) and col(t). For least squares with a constant term, the correlation is
-    the root of explained over total sum of squares, here of both centred coordinates together. It
-    is 1 up to three points and for a path without motion.
+    ``names`` (n,) is the path of each point, from 0 without gaps; ``frame`` (n,) its
+    frame and ``place`` (n, 2 or more) its row and col in px. Points must be sorted by
+    path and frame. The polynomials are row(t) and col(t). For least squares with a
+    constant term, the correlation is the root of explained over total sum of squares,
+    here of both centred coordinates together. It is 1 up to three points and for a path
+    without motion.
     """
     count = np.bincount(names)
     first = np.cumsum(count) - count
@@ -72,13 +75,20 @@ def regularity(names: Index, frame: Whole, place: Array) -> Array:
     time = frame - frame[first][names]
     straight = centred(time / np.maximum(time[first + count - 1][names], 1))
     square = straight * straight
-    bent = centred(square) - straight * sums(square * straight) / np.where(long, sums(square), 1.0)
-    total, left = np.zeros(len(names)), np.zeros(len(names))
+    bent = centred(square) - straight * sums(square * straight) / np.where(
+        long, sums(square), 1.0
+    )
+    total = np.zeros(len(names))
+    left = np.zeros(len(names))
     for axis in range(2):
-        rest = centred(place[:, axis] - place[first, axis][names])  # exactly 0 without motion
+        rest = centred(
+            place[:, axis] - place[first, axis][names]
+        )  # exactly 0 without motion
         total += rest**2
         for base in (straight, bent):
-            rest = rest - base * sums(rest * base) / np.where(long, sums(base * base), 1.0)
+            rest = rest - base * sums(rest * base) / np.where(
+                long, sums(base * base), 1.0
+            )
         left += rest**2
     whole = np.bincount(names, total)
     unexplained = np.bincount(names, left) / np.where(whole > 0, whole, 1.0)

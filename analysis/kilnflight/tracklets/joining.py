@@ -15,18 +15,27 @@ from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
 from kilnflight.tracklets.eliminate import Elimination, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
-from kilnflight.tracklets.paths import Paths, PathStep, means, ranges, speeds, turns, velocities
+from kilnflight.tracklets.paths import (
+    Paths,
+    PathStep,
+    means,
+    ranges,
+    speeds,
+    turns,
+    velocities,
+)
 from kilnflight.tracklets.texture import level_edge
 
-_OUTLIERS, _FALSE = OutlierRemoval(), Elimination()  # Eqs 4.18 and 4.15, of the connected part
+_OUTLIERS = OutlierRemoval()
+_FALSE = Elimination()  # Eqs 4.18 and 4.15, of the connected part
 _MORE = 1 + 1e-9  # for rounding
 
 
 class Candidates(NamedTuple):
     """Possible pairs of tracklets, p in number: a sparse cost matrix.
 
-    All other pairs are impossible, cost C in Fig. 4.14. Few are possible, so the (m, m) matrix is
-    never made.
+    All other pairs are impossible, cost C in Fig. 4.14. Few are possible, so the (m, m)
+    matrix is never made.
     """
 
     earlier: Index  # (p,) index of the tracklet in `Paths`
@@ -37,14 +46,14 @@ class Candidates(NamedTuple):
 def dual_nearest(pairs: Candidates) -> Index:
     """Return the indices (q,) of pairs that are mutual nearest neighbours, ascending.
 
-    These are the dual nearest neighbours (DNN) of section 4.2.3; the indices are places in
-    ``pairs``.
+    These are the dual nearest neighbours (DNN) of section 4.2.3; the indices are places
+    in ``pairs``.
 
     Notes
     -----
-    A tracklet has one nearest neighbour, before or after it, the first one at equal cost. So each
-    iteration joins it at most once. The cheapest of all pairs is always joined. Source: section
-    4.2.3, thesis.
+    A tracklet has one nearest neighbour, before or after it, the first one at equal
+    cost. So each iteration joins it at most once. The cheapest of all pairs is always
+    joined. Source: section 4.2.3, thesis.
     """
     tracklet = np.append(pairs.earlier, pairs.later)
     neighbour = np.append(pairs.later, pairs.earlier)
@@ -56,14 +65,20 @@ def dual_nearest(pairs: Candidates) -> Index:
 def hungarian(pairs: Candidates) -> Index:
     """Return the indices (q,) of the pairs of least total cost, ascending.
 
-    The indices are places in ``pairs``. As many pairs as possible are taken. This is the
-    Kuhn-Munkres method, which Fig. 4.14 compares with `dual_nearest`. Costs must be at least 0, and
-    a pair must be listed once. A tracklet may get one partner before and one after it.
+    The indices are places in ``pairs``. As many pairs as possible are taken. This is
+    the Kuhn-Munkres method, which Fig. 4.14 compares with `dual_nearest`. Costs must be
+    at least 0, and a pair must be listed once. A tracklet may get one partner before
+    and one after it.
     """
     order = np.lexsort((pairs.later, pairs.earlier))
-    earlier, later, cost = pairs.earlier[order], pairs.later[order], pairs.cost[order]
-    # A tracklet without partner costs more than all pairs together, so no pair is given up.
-    alone = 1.0 + cost.max(initial=0.0) * min(len(np.unique(earlier)), len(np.unique(later)))
+    earlier = pairs.earlier[order]
+    later = pairs.later[order]
+    cost = pairs.cost[order]
+    # A tracklet without partner costs more than all pairs together, so no pair is given
+    # up.
+    alone = 1.0 + cost.max(initial=0.0) * min(
+        len(np.unique(earlier)), len(np.unique(later))
+    )
     taken = assign(earlier, later, cost, np.full(earlier.max(initial=-1) + 1, alone))
     return np.sort(order[taken])
 
@@ -84,28 +99,40 @@ class Costs:
 class Joining(PathStep):
     """Join tracklets of one particle until no allowed pair is left (Fig. 4.8).
 
-    Each iteration joins the pairs that ``matching`` takes, the cheapest first. A merged frame keeps
-    one row with the mean row, col, x, y and z. It is the row of the earlier tracklet, or of the
-    later where only that has a depth. The other row gets particle -1 and keeps its own place.
+    Each iteration joins the pairs that ``matching`` takes, the cheapest first. A merged
+    frame keeps one row with the mean row, col, x, y and z. It is the row of the earlier
+    tracklet, or of the later where only that has a depth. The other row gets particle
+    -1 and keeps its own place.
     """
 
-    gap: float = 0.0  # frames from the end of the one to the start of the other; 0: overlap
+    gap: float = (
+        0.0  # frames from the end of the one to the start of the other; 0: overlap
+    )
     overlap: float = np.inf  # common frames of a pair that overlaps in time
-    distance: float = np.inf  # px, mean in the common frames, which must exist if it is finite
+    distance: float = (
+        np.inf
+    )  # px, mean in the common frames, which must exist if it is finite
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    jump: float = np.inf  # px/frame by which a step may exceed the usual ones of both tracklets
+    jump: float = (
+        np.inf
+    )  # px/frame by which a step may exceed the usual ones of both tracklets
     half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
     average: bool = False  # whether F is divided by pixels; see `texture_energy`
     costs: Costs = field(default_factory=Costs)
-    matching: Callable[[Candidates], Index] = dual_nearest  # indices of the pairs to join
-    nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
+    matching: Callable[[Candidates], Index] = (
+        dual_nearest  # indices of the pairs to join
+    )
+    nested: ClassVar[bool] = (
+        False  # whether the later tracklet may end before the earlier one
+    )
 
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets, joined until no pair is within the limits.
 
-        ``differences`` (frames, rows, cols) are differences of frames and background, in
-        grey values. Without them the last term of Eq. 4.24, for the streak, is left out. In each
-        iteration only pairs with a tracklet that was just joined get a new cost.
+        ``differences`` (frames, rows, cols) are differences of frames and background,
+        in grey values. Without them the last term of Eq. 4.24, for the streak, is left
+        out. In each iteration only pairs with a tracklet that was just joined get a new
+        cost.
         """
         changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
         known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
@@ -114,7 +141,9 @@ class Joining(PathStep):
             if differences is not None:
                 new = self._with_feature(paths, new, differences)
             stays = _take(known, ~(changed[known.earlier] | changed[known.later]))
-            known = Candidates(*(np.append(a, b) for a, b in zip(stays, new, strict=True)))
+            known = Candidates(
+                *(np.append(a, b) for a, b in zip(stays, new, strict=True))
+            )
             chosen = _once(_take(known, self.matching(known)))
             if not len(chosen.earlier):
                 return paths.grouped(paths.names())
@@ -124,21 +153,28 @@ class Joining(PathStep):
     def candidates(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the p pairs within the limits that hold a changed tracklet.
 
-        ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is Eq. 4.24
-        without its last term, that of the streak.
+        ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is
+        Eq. 4.24 without its last term, that of the streak.
         """
         i, k, gap = pairs = self._in_time(paths, changed)
         overlap = overlap_in_time(paths, i, k)
         limit, most = paths.speeds(np.unique(pairs[:2]))[:, pairs[:2]].max(axis=1)
         # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
-        step = paths.place[paths.starts[k], :2] - paths.place[paths.starts[i + 1] - 1, :2]
+        step = (
+            paths.place[paths.starts[k], :2] - paths.place[paths.starts[i + 1] - 1, :2]
+        )
         slow = np.hypot(*step.T) <= _MORE * (limit + self.jump) * np.maximum(gap, 1)
         possible = np.where(gap > 0, slow, merged)
         (i, k, gap), overlap = _take(pairs, possible), _take(overlap, possible)
-        limit, most = limit[possible] + self.jump, most[possible]
+        limit = limit[possible] + self.jump
+        most = most[possible]
         turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
-        cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
+        cost = (
+            turned
+            + self.costs.overlap * overlap.common
+            + self.costs.gap * np.maximum(gap, 0)
+        )
         both = np.flatnonzero(allowed & (gap <= 0))  # steps within an overlap, too
         pair, speed = _joined_speeds(paths, i[both], k[both])
         allowed[both[pair[speed > np.maximum(limit, most)[both[pair]]]]] = False
@@ -147,37 +183,50 @@ class Joining(PathStep):
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the pairs near enough in time that hold a changed tracklet (m,).
 
-        Left out are overlapping ones that Eq. 4.21 forbids at a glance. Their cost (p,) is here
-        the gap in frames; 0 or less means that they overlap.
+        Left out are overlapping ones that Eq. 4.21 forbids at a glance. Their cost (p,)
+        is here the gap in frames; 0 or less means that they overlap.
         """
         there = np.flatnonzero(np.diff(paths.starts))
-        first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
+        first = paths.frame[paths.starts[there]]
+        last = paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
         one, other = ranges(np.arange(len(there)) + 1, until)
         # Of two that start together the one that ends first is the earlier.
         swapped = (first[one] == first[other]) & (last[other] < last[one])
-        i, k = np.where(swapped, other, one), np.where(swapped, one, other)
-        taken = (changed[there[i]] | changed[there[k]]) & (self.nested | (last[k] > last[i]))
-        i, k = i[taken], k[taken]
-        # Overlapping ones share at least the overlap less the frames that both miss, and are at
-        # least as far apart as their boxes.
+        i = np.where(swapped, other, one)
+        k = np.where(swapped, one, other)
+        taken = (changed[there[i]] | changed[there[k]]) & (
+            self.nested | (last[k] > last[i])
+        )
+        i = i[taken]
+        k = k[taken]
+        # Overlapping ones share at least the overlap less the frames that both miss,
+        # and are at least as far apart as their boxes.
         missing = last - first + 1 - np.diff(paths.starts)[there]
         common = np.minimum(last[i], last[k]) - first[k] + 1 - missing[i] - missing[k]
         low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])
         high = np.maximum.reduceat(paths.place[:, :2], paths.starts[there])
         apart = np.maximum(low[i] - high[k], low[k] - high[i]).max(axis=1)
-        near = (apart <= self.distance * _MORE) & (common < self.overlap) | (first[k] > last[i])
-        return _take(Candidates(there[i], there[k], (first[k] - last[i]).astype(float)), near)
+        near = (apart <= self.distance * _MORE) & (common < self.overlap) | (
+            first[k] > last[i]
+        )
+        return _take(
+            Candidates(there[i], there[k], (first[k] - last[i]).astype(float)), near
+        )
 
-    def _judge(self, names: Index, frame: Whole, place: Array, limit: Array) -> tuple[Array, Flags]:
-        """Return the first three terms of Eq. 4.24 and which pairs are allowed, (p,) each.
+    def _judge(
+        self, names: Index, frame: Whole, place: Array, limit: Array
+    ) -> tuple[Array, Flags]:
+        """Return the first three terms of Eq. 4.24 and which pairs are allowed, (p,)
+        each.
 
-        ``names`` (q,) is the pair of each point of the connected parts, ``frame`` (q,) its frame,
-        ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is the largest speed in
-        px/frame. Allowed are connected parts without outliers (Eq. 4.18), not false (Eq. 4.15) and
-        without a jump in depth (Eq. 4.22).
+        ``names`` (q,) is the pair of each point of the connected parts, ``frame`` (q,)
+        its frame, ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is the
+        largest speed in px/frame. Allowed are connected parts without outliers (Eq.
+        4.18), not false (Eq. 4.15) and without a jump in depth (Eq. 4.22).
         """
-        steps, count = velocities(frame, place), len(limit)
+        steps = velocities(frame, place)
+        count = len(limit)
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
         part = names[2:][within]
@@ -191,25 +240,38 @@ class Joining(PathStep):
         deep = ~np.isnan(place[:, 2])
         within = np.diff(names[deep]) == 0
         deeper = names[deep][1:][within]
-        rate = (np.abs(np.diff(place[deep, 2])) / np.maximum(np.diff(frame[deep]), 1))[within]
-        cost = means(part, turned, count) + self.costs.depth * means(deeper, rate, count)
+        rate = (np.abs(np.diff(place[deep, 2])) / np.maximum(np.diff(frame[deep]), 1))[
+            within
+        ]
+        cost = means(part, turned, count) + self.costs.depth * means(
+            deeper, rate, count
+        )
         # Eq. 4.22: no change of depth at the limit or above
         too_deep = np.bincount(deeper, ~(rate < self.depth), minlength=count)
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
 
-    def _with_feature(self, paths: Paths, pairs: Candidates, differences: Any) -> Candidates:
+    def _with_feature(
+        self, paths: Paths, pairs: Candidates, differences: Any
+    ) -> Candidates:
         """Return the pairs, the last term of Eq. 4.24 added to their cost (p,).
 
-        The term is f / F, F the level-edge energy of ``differences`` (frames, rows, cols): small if
-        a streak runs from the end of the earlier tracklet to the start of the later.
+        The term is f / F, F the level-edge energy of ``differences`` (frames, rows,
+        cols): small if a streak runs from the end of the earlier tracklet to the start
+        of the later.
         """
-        first, last = paths.starts[:-1], paths.starts[1:] - 1
+        first = paths.starts[:-1]
+        last = paths.starts[1:] - 1
         energy = np.zeros(len(pairs.cost))
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
-            start, end = paths.place[last[i], :2], paths.place[first[k], :2]
+            start = paths.place[last[i], :2]
+            end = paths.place[first[k], :2]
             period = int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())
-            energy[n] = level_edge(start, end, period, differences, self.half_width, self.average)
-        return pairs._replace(cost=pairs.cost + self.costs.feature / np.maximum(energy, 1.0))
+            energy[n] = level_edge(
+                start, end, period, differences, self.half_width, self.average
+            )
+        return pairs._replace(
+            cost=pairs.cost + self.costs.feature / np.maximum(energy, 1.0)
+        )
 
 
 @dataclass(frozen=True)
@@ -218,22 +280,23 @@ class Connection(Joining):
 
     Notes
     -----
-    Readings. (1) Eq. 4.21 holds case by case; with its "or" every pair would pass. (2) Of two
-    tracklets the one that starts first is the earlier; of two that start together the one that
-    ends first. The later one must end after the earlier one (Fig. 4.9); one within another
-    continues nothing and is left to `Fusion`. (3) A tracklet with fewer than three points gives
-    what it has to the connected part. One common frame counts as one point, the mean; of two that
-    overlap without a common frame, the points before and after the overlap count. (4) The terms of
-    Eq. 4.24 are means over the connected part, 0 without a value. Weight d is for the gap and e
-    for the overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
-    ``differences`` the last term is left out. (6) A tracklet is joined once per iteration
-    (`dual_nearest`). (7) The
-    text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
-    spares a jump straight ahead, however far, and to and fro between two that overlap. So no
-    step of the connected part may be faster than both tracklets usually are (the larger of their
-    median steps) by more than ``jump``, the change of velocity that Eq. 4.18 allows. Nor may a
-    step of the joined tracklet, unless one of the two has such a step itself. Source: Eqs 4.21
-    to 4.25 and Fig. 4.14, thesis.
+    Readings. (1) Eq. 4.21 holds case by case; with its "or" every pair would pass. (2)
+    Of two tracklets the one that starts first is the earlier; of two that start
+    together the one that ends first. The later one must end after the earlier one (Fig.
+    4.9); one within another continues nothing and is left to `Fusion`. (3) A tracklet
+    with fewer than three points gives what it has to the connected part. One common
+    frame counts as one point, the mean; of two that overlap without a common frame, the
+    points before and after the overlap count. (4) The terms of Eq. 4.24 are means over
+    the connected part, 0 without a value. Weight d is for the gap and e for the
+    overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
+    ``differences`` the last term is left out. (6) A tracklet is joined once per
+    iteration (`dual_nearest`). (7) The text says of Eq. 4.18 that it "avoids connecting
+    two trajectories far apart". As printed it spares a jump straight ahead, however
+    far, and to and fro between two that overlap. So no step of the connected part may
+    be faster than both tracklets usually are (the larger of their median steps) by more
+    than ``jump``, the change of velocity that Eq. 4.18 allows. Nor may a step of the
+    joined tracklet, unless one of the two has such a step itself. Source: Eqs 4.21 to
+    4.25 and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
@@ -245,18 +308,20 @@ class Connection(Joining):
 class Fusion(Joining):
     """Fuse trajectories that overlap in time, however long.
 
-    As `Connection` but for the limit on common frames and the terms for gap and overlap.
+    As `Connection` but for the limit on common frames and the terms for gap and
+    overlap.
 
     Notes
     -----
-    Readings. (1) The text sets no limit to the distance of two trajectories. The connected
-    part then bounds it only by the velocity of the jump from one to the other. Over 40
-    common frames, 200 px are 5 px/frame, and neighbours would be fused. So
-    their mean distance in the common frames must not exceed ``distance``, and there must
-    be such frames. Its value is the "epsilon = 10 pixel" that Table 5.16 lists without a
-    place in chapter 4.2. It may as well be the gate of Eq. 5.1, which has no other value.
-    (2) A trajectory within another may be fused: duplicates are often shorter. (3) Points,
-    rows and depths are treated as in `Connection`. Source: section 4.2.4, thesis.
+    Readings. (1) The text sets no limit to the distance of two trajectories. The
+    connected part then bounds it only by the velocity of the jump from one to the
+    other. Over 40 common frames, 200 px are 5 px/frame, and neighbours would be fused.
+    So their mean distance in the common frames must not exceed ``distance``, and there
+    must be such frames. Its value is the "epsilon = 10 pixel" that Table 5.16 lists
+    without a place in chapter 4.2. It may as well be the gate of Eq. 5.1, which has no
+    other value. (2) A trajectory within another may be fused: duplicates are often
+    shorter. (3) Points, rows and depths are treated as in `Connection`. Source: section
+    4.2.4, thesis.
     """
 
     distance: float = 10.0  # px, epsilon, Table 5.16 (see Notes)
@@ -270,28 +335,36 @@ class Overlap(NamedTuple):
 
     common: Integers  # number of common frames
     distance: Array  # mean distance in the common frames, px; infinite without any
-    until: Integers  # past the earlier one's last point to connect: its first common frame's
+    # past the earlier one's last point to connect: its first common frame's
+    until: Integers
     since: Integers  # the later one's first point to connect: its last common frame's
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
-    """Return the common frames of p pairs of tracklets, and where to cut both to connect them.
+    """Return the common frames of p pairs of tracklets, and where to cut both to
+    connect them.
 
-    ``i`` (p,) are the tracklets that start earlier, ``k`` (p,) the later ones, as indices in
-    ``paths``. ``until`` and ``since`` are indices of its points. Without a common frame, the
-    earlier one ends before the later one starts, and the later one starts after the earlier ends.
+    ``i`` (p,) are the tracklets that start earlier, ``k`` (p,) the later ones, as
+    indices in ``paths``. ``until`` and ``since`` are indices of its points. Without a
+    common frame, the earlier one ends before the later one starts, and the later one
+    starts after the earlier ends.
     """
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
     key = paths.names() * width + paths.frame - low  # ascends
-    first, last = paths.frame[paths.starts[k]] - low, paths.frame[paths.starts[i + 1] - 1] - low
+    first = paths.frame[paths.starts[k]] - low
+    last = paths.frame[paths.starts[i + 1] - 1] - low
     before = np.searchsorted(key, i * width + first)
     after = np.searchsorted(key, k * width + last, side="right")
     pair, point = ranges(before, paths.starts[i + 1])
-    same = k[pair] * width + paths.frame[point] - low  # the key of this frame in the later one
+    same = (
+        k[pair] * width + paths.frame[point] - low
+    )  # the key of this frame in the later one
     match = np.minimum(np.searchsorted(key, same), len(key) - 1)
     both = key[match] == same
-    pair, point, match = pair[both], point[both], match[both]
+    pair = pair[both]
+    point = point[both]
+    match = match[both]
     common = np.bincount(pair, minlength=len(i))
     apart = np.hypot(*(paths.place[point, :2] - paths.place[match, :2]).T)
     distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
@@ -301,12 +374,14 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     return Overlap(common, distance, before, after)
 
 
-def connected_parts(paths: Paths, i: Index, k: Index, overlap: Overlap) -> tuple[Any, Any, Any]:
+def connected_parts(
+    paths: Paths, i: Index, k: Index, overlap: Overlap
+) -> tuple[Any, Any, Any]:
     """Return the connected parts of p pairs of tracklets as q points (Fig. 4.10).
 
-    A part has the last three points of the earlier tracklet i and the first three of the later one
-    k. In an overlap the former end with the first common frame and the latter start with the last.
-    A single common frame is one point, the mean of both.
+    A part has the last three points of the earlier tracklet i and the first three of
+    the later one k. In an overlap the former end with the first common frame and the
+    latter start with the last. A single common frame is one point, the mean of both.
 
     Returns
     -------
@@ -319,9 +394,12 @@ def connected_parts(paths: Paths, i: Index, k: Index, overlap: Overlap) -> tuple
     """
     three = np.arange(3)[:, None]
     point = np.append(overlap.until - 3 + three, overlap.since + three, axis=0)
-    there = np.concatenate([point[:3] >= paths.starts[i], point[3:] < paths.starts[k + 1]])
+    there = np.concatenate(
+        [point[:3] >= paths.starts[i], point[3:] < paths.starts[k + 1]]
+    )
     point = np.where(there, point, 0)
-    frame, place = paths.frame[point], paths.place[point, :3]
+    frame = paths.frame[point]
+    place = paths.place[point, :3]
     single = overlap.common == 1
     place[2, single] = _mean(place[2, single], place[3, single])
     there[3, single] = False
@@ -332,9 +410,11 @@ def connected_parts(paths: Paths, i: Index, k: Index, overlap: Overlap) -> tuple
 def _once(pairs: Candidates) -> Candidates:
     """Return the pairs to join in this iteration, cheapest first, each tracklet once.
 
-    Where the matching takes two pairs of one tracklet, the dearer waits for the next iteration.
+    Where the matching takes two pairs of one tracklet, the dearer waits for the next
+    iteration.
     """
-    used, chosen = set[int](), list[int]()
+    used = set[int]()
+    chosen = list[int]()
     for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
         pair = int(pairs.earlier[k]), int(pairs.later[k])
         if used.isdisjoint(pair):
@@ -346,23 +426,25 @@ def _once(pairs: Candidates) -> Candidates:
 def _merge(paths: Paths, chosen: Candidates) -> Paths:
     """Return the paths with the chosen pairs joined.
 
-    A joined tracklet gets the lower of its two numbers. The other number remains, with no points,
-    so that indices in known `Candidates` stay valid.
+    A joined tracklet gets the lower of its two numbers. The other number remains, with
+    no points, so that indices in known `Candidates` stay valid.
     """
     number = np.arange(len(paths.starts) - 1)
     later = np.isin(number, chosen.later)
     number[np.maximum(*chosen[:2])] = np.minimum(*chosen[:2])
-    of, points = paths.names(), np.arange(len(paths.rows))
+    of = paths.names()
+    points = np.arange(len(paths.rows))
     names, rows, frame, place = _united(paths, number[of], points, later[of])
     return Paths(rows, frame, place, np.searchsorted(names, np.arange(len(number) + 1)))
 
 
 def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
-    """Return the pair (q,) and the speed (q,) in px/frame of each step of p pairs, if joined.
+    """Return the pair (q,) and the speed (q,) in px/frame of each step of p pairs, if
+    joined.
 
-    ``i`` and ``k`` (p,) are the earlier and the later tracklets. A limit on the steps within the
-    overlap keeps tracklets far apart from being joined, which Eq. 4.18 alone does not (section
-    4.2.3).
+    ``i`` and ``k`` (p,) are the earlier and the later tracklets. A limit on the steps
+    within the overlap keeps tracklets far apart from being joined, which Eq. 4.18 alone
+    does not (section 4.2.3).
     """
     begin, end = (np.append(paths.starts[i + n], paths.starts[k + n]) for n in range(2))
     owner, points = ranges(begin, end)
@@ -370,17 +452,23 @@ def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
     return speeds(names, frame, place)
 
 
-def _united(paths: Paths, names: Index, points: Integers, later: Flags) -> tuple[Any, ...]:
+def _united(
+    paths: Paths, names: Index, points: Integers, later: Flags
+) -> tuple[Any, ...]:
     """Return names, rows, frames and places of points, one in each frame of a name.
 
-    ``points`` (q,) are indices in `Paths`, ``names`` (q,) their tracklets after joining, ``later``
-    (q,) says which come from the later one. Results are (r,) and (r, 3 or more), r <= q, sorted by
-    name and frame. In a common frame the place is the mean of both. The row is that of the earlier
-    one, unless only the later one has a depth.
+    ``points`` (q,) are indices in `Paths`, ``names`` (q,) their tracklets after
+    joining, ``later`` (q,) says which come from the later one. Results are (r,) and (r,
+    3 or more), r <= q, sorted by name and frame. In a common frame the place is the
+    mean of both. The row is that of the earlier one, unless only the later one has a
+    depth.
     """
     order = np.lexsort((later, paths.frame[points], names))
-    names, points = names[order], points[order]
-    rows, frame, place = paths.rows[points], paths.frame[points], paths.place[points]
+    names = names[order]
+    points = points[order]
+    rows = paths.rows[points]
+    frame = paths.frame[points]
+    place = paths.place[points]
     twice = np.flatnonzero((np.diff(names) == 0) & (np.diff(frame) == 0))
     blind = np.isnan(place[twice, 2]) & ~np.isnan(place[twice + 1, 2])
     rows[twice] = np.where(blind, rows[twice + 1], rows[twice])

@@ -13,7 +13,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from kilnflight.arrays import Array, Flags, Whole
 from kilnflight.checks import check_number
-from kilnflight.tracklets.paths import Paths, PathStep, read_paths, turns, velocities, write_paths
+from kilnflight.tracklets.paths import (
+    Paths,
+    PathStep,
+    read_paths,
+    turns,
+    velocities,
+    write_paths,
+)
 
 # Limits of `Cutting`, ours.
 ACROSS_MM = 56.0  # three RMSE across, 18.77 mm (Table 5.18)
@@ -25,22 +32,23 @@ LEAST_PART = 3  # detections of a part: more than D_eps of Table 5.16
 class OutlierRemoval(PathStep):
     """Remove detections that change angle and speed too much (Eq. 4.18).
 
-    Each scan judges the first point, then the second backwards from the last (Eq. 4.20), then
-    the others forwards (Eq. 4.18). The first outlier found is removed and the scan begins anew,
-    until none is found.
+    Each scan judges the first point, then the second backwards from the last (Eq.
+    4.20), then the others forwards (Eq. 4.18). The first outlier found is removed and
+    the scan begins anew, until none is found.
 
     Notes
     -----
-    Readings. (1) The first velocity is compared with the mean of the three that follow it, as the
-    text has it. The caption of Fig. 4.7 names the last point, which the forward scan judges
-    anyway. (2) A point is judged only where its equation has what it needs: the first from 5
-    points, the second from 4, the others from 3. (3) A velocity of zero has no direction and makes
-    no angle. (4) "The second assigned detection is examined backwards from the last one": going
-    back, it must be the first point that meets Eq. 4.20. Then T4 of situation 3 (Fig. 4.5) alone
-    is removed, as its caption has it. Removing all points that meet Eq. 4.20 on the way back is
-    excluded: a wrong last point would cost all before it. (5) The order of the text, first point
-    first, also removes the correct first point of 5 or more where the second is wrong.
-    Source: section 4.2.2, Eqs 4.17 to 4.20, thesis.
+    Readings. (1) The first velocity is compared with the mean of the three that follow
+    it, as the text has it. The caption of Fig. 4.7 names the last point, which the
+    forward scan judges anyway. (2) A point is judged only where its equation has what
+    it needs: the first from 5 points, the second from 4, the others from 3. (3) A
+    velocity of zero has no direction and makes no angle. (4) "The second assigned
+    detection is examined backwards from the last one": going back, it must be the first
+    point that meets Eq. 4.20. Then T4 of situation 3 (Fig. 4.5) alone is removed, as
+    its caption has it. Removing all points that meet Eq. 4.20 on the way back is
+    excluded: a wrong last point would cost all before it. (5) The order of the text,
+    first point first, also removes the correct first point of 5 or more where the
+    second is wrong. Source: section 4.2.2, Eqs 4.17 to 4.20, thesis.
     """
 
     angle_deg: float = 30.0  # degrees, theta_eps, Table 5.16
@@ -48,12 +56,16 @@ class OutlierRemoval(PathStep):
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets without outliers; ``differences`` are not used."""
-        names, steps = paths.names(), velocities(paths.frame, paths.place)
-        # A change from the mean of three is at most twice the largest from step to step.
+        names = paths.names()
+        steps = velocities(paths.frame, paths.place)
+        # A change from the mean of three is at most twice the largest from step to
+        # step.
         large = turns(steps[:-1], steps[1:])[1] > self.change / 2.1
         for k in np.unique(names[2:][large & (names[2:] == names[:-2])]):
             left = np.arange(*paths.starts[[k, k + 1]])
-            while (outlier := self.first_outlier(paths.frame[left], paths.place[left])) is not None:
+            while (
+                outlier := self.first_outlier(paths.frame[left], paths.place[left])
+            ) is not None:
                 names[left[outlier]] = -1
                 left = np.delete(left, outlier)
         return paths.grouped(names)
@@ -65,7 +77,10 @@ class OutlierRemoval(PathStep):
         """
         steps = velocities(frame, place)
         turned = self._turned(steps[:-1], steps[1:])
-        if len(frame) >= 5 and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]:
+        if (
+            len(frame) >= 5
+            and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]
+        ):
             return 0
         if len(frame) >= 4 and turned[1] and not turned[2:].any():
             return 1  # Eq. 4.20
@@ -81,27 +96,29 @@ class OutlierRemoval(PathStep):
 class Cutting:
     """Split tracks at physically impossible steps.
 
-    A step leads from one detection with depth to the next. It is impossible if it is longer than
-    ``fastest_m_s`` times its duration plus three RMSE of Table 5.18.
+    A step leads from one detection with depth to the next. It is impossible if it is
+    longer than ``fastest_m_s`` times its duration plus three RMSE of Table 5.18.
 
     Notes
     -----
-    The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not printed and
-    ours. An error of the depth moves a place along its line of sight (sec. 4.1.2), so steps are
-    judged across it and along it. Across: from each detection to the next, in directions compared
-    at the nearer of both depths. Along: from each of `LEAST_PART` detections to each of as many
-    that follow, all in one direction. So a wrong depth that comes back soon counts as scatter; one
-    that lasts is another particle's or the wall's. Detections without depth are not judged; they
-    stay with those before them.
+    The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not
+    printed and ours. An error of the depth moves a place along its line of sight (sec.
+    4.1.2), so steps are judged across it and along it. Across: from each detection to
+    the next, in directions compared at the nearer of both depths. Along: from each of
+    `LEAST_PART` detections to each of as many that follow, all in one direction. So a
+    wrong depth that comes back soon counts as scatter; one that lasts is another
+    particle's or the wall's. Detections without depth are not judged; they stay with
+    those before them.
     """
 
     fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
 
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
-        """Return the table with a track for each part of `LEAST_PART` detections or more.
+        """Return the table with a track for each part of `LEAST_PART` detections or
+        more.
 
-        ``tracks`` is a track table, see `kilnflight.tracklets`. Detections of shorter parts get
-        particle -1. A table without places in space is returned as it is.
+        ``tracks`` is a track table, see `kilnflight.tracklets`. Detections of shorter
+        parts get particle -1. A table without places in space is returned as it is.
 
         Raises
         ------
@@ -117,7 +134,9 @@ class Cutting:
                 if len(known) > 1:
                     time = paths.frame[known] / frame_rate_hz
                     place = paths.place[known][:, [3, 4, 2]]
-                    cuts[known[1:]] = self._across(time, place) | self._along(time, place[:, 2])
+                    cuts[known[1:]] = self._across(time, place) | self._along(
+                        time, place[:, 2]
+                    )
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
@@ -127,7 +146,8 @@ class Cutting:
     def _across(self, time: Array, place: Array) -> Flags:
         """Return which steps (n - 1,) across the line of sight are impossible.
 
-        ``time`` (n,) is in s; ``place`` (n, 3) is x, y, z in mm from the camera, z along its axis.
+        ``time`` (n,) is in s; ``place`` (n, 3) is x, y, z in mm from the camera, z
+        along its axis.
         """
         ahead = np.where(place[:, 2] > 0, place[:, 2], np.nan)
         sight = place[:, :2] / ahead[:, None]
@@ -137,13 +157,18 @@ class Cutting:
     def _along(self, time: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) along the line of sight are impossible and last.
 
-        ``time`` (n,) is in s, ``depth`` (n,) in mm. All steps from the `LEAST_PART` detections
-        before to the `LEAST_PART` after must be impossible, in the same direction.
+        ``time`` (n,) is in s, ``depth`` (n,) in mm. All steps from the `LEAST_PART`
+        detections before to the `LEAST_PART` after must be impossible, in the same
+        direction.
         """
         steps = np.zeros(len(depth) - 1, dtype=np.bool_)
         if len(depth) >= 2 * LEAST_PART:
-            around = sliding_window_view(np.stack([time, depth]), 2 * LEAST_PART, axis=1)
-            flown, step = around[:, :, None, LEAST_PART:] - around[:, :, :LEAST_PART, None]
+            around = sliding_window_view(
+                np.stack([time, depth]), 2 * LEAST_PART, axis=1
+            )
+            flown, step = (
+                around[:, :, None, LEAST_PART:] - around[:, :, :LEAST_PART, None]
+            )
             limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
             far = [(way > limit).all(axis=(1, 2)) for way in (step, -step)]
             steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = np.logical_or(*far)

@@ -29,7 +29,8 @@ class Paths(NamedTuple):
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     def speeds(self, some: Index) -> Array:
-        """Return the median and the largest speed (2, m) of the tracklets ``some`` in px/frame.
+        """Return the median and the largest speed (2, m) of the tracklets ``some`` in
+        px/frame.
 
         It is 0 for the others, and without a step.
         """
@@ -41,8 +42,8 @@ class Paths(NamedTuple):
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
 
-        Tracklets are numbered by first frame, then row, then col. Points of one name must ascend
-        in frame, as the points are not sorted.
+        Tracklets are numbered by first frame, then row, then col. Points of one name
+        must ascend in frame, as the points are not sorted.
         """
         kept = np.flatnonzero(names >= 0)
         _, first, name = np.unique(names[kept], return_index=True, return_inverse=True)
@@ -69,8 +70,8 @@ class PathStep(ABC):
         tracks
             Track table, see `kilnflight.tracklets`.
         differences
-            (frames, rows, cols) differences of frames and background, in grey values; used
-            by `Joining` alone, see `kilnflight.tracklets.postprocess`.
+            (frames, rows, cols) differences of frames and background, in grey values;
+            used by `Joining` alone, see `kilnflight.tracklets.postprocess`.
 
         Raises
         ------
@@ -84,8 +85,8 @@ class PathStep(ABC):
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets after this step.
 
-        ``differences`` (frames, rows, cols) are differences of frames and background, or
-        None.
+        ``differences`` (frames, rows, cols) are differences of frames and background,
+        or None.
         """
 
 
@@ -97,7 +98,8 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
     Raises
     ------
     InputError
-        If a column is missing or holds other values, or if a tracklet has two rows in a frame.
+        If a column is missing or holds other values, or if a tracklet has two rows in a
+        frame.
     """
     rows, particle, frame = order_tracks(tracks, where)
     names = _places(tracks)
@@ -111,7 +113,8 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
 def _places(tracks: pd.DataFrame) -> list[str]:
     """Return the names of the columns of places, in the order of `Paths.place`.
 
-    These are row, col (or y, x) in px; with a z, also z and, where present, x and y in mm.
+    These are row, col (or y, x) in px; with a z, also z and, where present, x and y in
+    mm.
     """
     names = set(tracks.columns)
     if {"row", "col"}.isdisjoint(names) and {"x", "y"} <= names:
@@ -122,8 +125,8 @@ def _places(tracks: pd.DataFrame) -> list[str]:
 def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
     """Return the table with the particles and places of paths, -1 for other rows.
 
-    ``tracks`` must be the table from which `read_paths` made the paths: `Paths.rows` are its row
-    numbers.
+    ``tracks`` must be the table from which `read_paths` made the paths: `Paths.rows`
+    are its row numbers.
     """
     particle = np.full(len(tracks), -1, dtype=np.int64)
     particle[paths.rows] = paths.names()
@@ -138,8 +141,9 @@ def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
 def velocities(frame: Whole, place: Array) -> Array:
     """Return velocities (n - 1, 2) between consecutive points in px/frame (Eq. 4.17).
 
-    ``frame`` is (n,), ``place`` (n, 2 or more) holds row and col in px. Between two paths the value
-    has no meaning; between two points of one frame it is their distance.
+    ``frame`` is (n,), ``place`` (n, 2 or more) holds row and col in px. Between two
+    paths the value has no meaning; between two points of one frame it is their
+    distance.
     """
     step = np.diff(frame)
     return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
@@ -157,8 +161,8 @@ def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
     """Return the change of direction (n,) in degrees and of velocity (n,) in px/frame.
 
-    ``before`` and ``after`` (n, 2) are velocities in px/frame (Eq. 4.19, Fig. 4.5). The angle is 0
-    where a velocity is zero.
+    ``before`` and ``after`` (n, 2) are velocities in px/frame (Eq. 4.19, Fig. 4.5). The
+    angle is 0 where a velocity is zero.
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
@@ -181,12 +185,14 @@ def means(part: Integers, values: Array, count: int) -> Array:
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
     """Return the whole numbers of p ranges, one range after the other.
 
-    ``begin`` and ``end`` (p,) are the ends, the latter excluded. The first result (q,) is the index
-    of each number's range, the second (q,) the number.
+    ``begin`` and ``end`` (p,) are the ends, the latter excluded. The first result (q,)
+    is the index of each number's range, the second (q,) the number.
     """
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]
+    return owner, np.arange(len(owner)) - np.repeat(
+        np.cumsum(size) - size, size
+    ) + begin[owner]
 
 
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:

@@ -16,7 +16,9 @@ BAR = ValveBar()
 
 def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
     last = pd.DataFrame({"particle": [7, 8, 9]})
-    arrival = pd.DataFrame({"particle": [4, 5], "time_s": [0.1, 0.2], "y": [10.0, 50.0]})
+    arrival = pd.DataFrame(
+        {"particle": [4, 5], "time_s": [0.1, 0.2], "y": [10.0, 50.0]}
+    )
     entering = Entering(last, np.array([5, 5, -1]), arrival, 788.0)
     assert entering.missed_share == 0.5
     predicted = last.assign(time_s=[0.2, 0.23, 0.1], y=[50.0, 50.0, 10.0])

@@ -13,7 +13,9 @@ from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 def path(particle, x, y):
     frame = np.arange(5)
-    return pd.DataFrame({"frame": frame, "particle": particle, "x": x + 6.0 * frame, "y": y})
+    return pd.DataFrame(
+        {"frame": frame, "particle": particle, "x": x + 6.0 * frame, "y": y}
+    )
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -25,7 +27,9 @@ def test_matching_is_the_least_norm(seed):
     for track, particle in paper_2016.match(tracks, truth).items():
         places = tracks.loc[tracks["particle"] == track, ["x", "y"]].to_numpy()
         norms = [
-            np.linalg.norm(np.linalg.norm(particle_rows[["x", "y"]].to_numpy() - places, axis=1))
+            np.linalg.norm(
+                np.linalg.norm(particle_rows[["x", "y"]].to_numpy() - places, axis=1)
+            )
             for _, particle_rows in truth.groupby("particle")
         ]
         assert particle == int(np.argmin(norms))

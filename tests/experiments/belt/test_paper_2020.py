@@ -17,7 +17,9 @@ def test_resampled_tracks_keep_a_cubic_and_every_observation():
     assert len(fast) == 191
     t = fast["time_s"].to_numpy()
     np.testing.assert_allclose(fast["x"], 900 * t + 300 * t**2 - 80 * t**3, atol=1e-9)
-    pd.testing.assert_frame_equal(paper_2020.resample(fast, 100.0), path, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        paper_2020.resample(fast, 100.0), path, check_dtype=False
+    )
 
 
 def test_the_share_beyond_the_belts_velocity_by_hand():
@@ -25,7 +27,12 @@ def test_the_share_beyond_the_belts_velocity_by_hand():
         {
             "x": 688.0,
             "velocity_x_mm_s": [1400.0, 1400.0, 1510.0, 1000.0],
-            "acceleration_x_mm_s2": [1600.0, 1400.0, -9e9, 0.0],  # 1510, 1497, now, 1000 mm/s
+            "acceleration_x_mm_s2": [
+                1600.0,
+                1400.0,
+                -9e9,
+                0.0,
+            ],  # 1510, 1497, now, 1000 mm/s
         }
     )
     share = paper_2020.beyond_belt({"a": Observed(last, last, {})}, PHASE)
@@ -34,7 +41,9 @@ def test_the_share_beyond_the_belts_velocity_by_hand():
 
 def test_differences_are_of_the_right_models_and_hold_beyond_chance():
     def shifted(part, phase, calibration):
-        """Three models on any particles: the better one is 1 closer, the third the first again."""
+        """Three models on any particles: the better one is 1 closer, the third the
+        first again.
+        """
         spread = np.linspace(-1.0, 1.0, np.count_nonzero(~calibration))
         yield from (("near", spread), ("far", 3.0 * spread), ("again", spread))
 
@@ -51,4 +60,7 @@ def test_differences_are_of_the_right_models_and_hold_beyond_chance():
     assert (first["excess_low"] < first["excess"]).all()
     assert paper_2020.holds(pairs, "a") == [True, True]
     assert paper_2020.holds(pairs, "b") == [False, False]
-    assert paper_2020.holds(pairs, "c") == [None, None]  # no difference is none beyond chance
+    assert paper_2020.holds(pairs, "c") == [
+        None,
+        None,
+    ]  # no difference is none beyond chance

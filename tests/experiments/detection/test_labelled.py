@@ -49,7 +49,9 @@ def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
     off = np.hypot(here["row"] - middle[0], here["col"] - middle[1])
     alone = subset._replace(frames=(75,), particles=here.loc[[off.idxmin()]])
     row, col = alone.particles.iloc[0][["row", "col"]]
-    methods = {gap: lambda _, gap=gap: np.array([[row + gap, col]]) for gap in (22, 30, 46)}
+    methods = {
+        gap: lambda _, gap=gap: np.array([[row + gap, col]]) for gap in (22, 30, 46)
+    }
     table = labelled.run([alone], methods)
     assert table["tp"].tolist() == [1, 1, 0]
     assert table["tp_near"].tolist() == [1, 0, 0]
@@ -61,7 +63,9 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
     wall = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 700.0)
     ((t, view),) = chain.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)
-    marked, detected = labelled.positions([subset], {"V3": Combination(DoG(1500.0))}, wall)
+    marked, detected = labelled.positions(
+        [subset], {"V3": Combination(DoG(1500.0))}, wall
+    )
     places = marked[["x", "y", "z"]].to_numpy()
     for particle, place in zip(marked["particle"], places, strict=True):
         points = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == particle]
@@ -69,17 +73,25 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
         np.testing.assert_allclose(place, mean)
     assert marked["z"].notna().any()
     for table in (marked, detected):
-        np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))
+        np.testing.assert_allclose(
+            table["distance_mm"], np.hypot(table["x"], table["y"])
+        )
 
 
 def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subset):
-    """The total row adds what DoG finds at the two thresholds; the misfit is from print."""
+    """The total row adds what DoG finds at the two thresholds; the misfit is from
+    print.
+    """
     pair = [subset, subset._replace(name="V5", frames=(76,), cache={})]
-    table = sift_row.edge_table(pair, "quick", (2.0, 10.0)).set_index(["edge", "subset"])
+    table = sift_row.edge_table(pair, "quick", (2.0, 10.0)).set_index(
+        ["edge", "subset"]
+    )
     for edge in (2.0, 10.0):
         one = table.loc[edge]
         for name, own in zip(("V3", "V5"), pair, strict=True):
-            method = labelled.from_foreground(DoG(one.loc[name, "threshold"], edge=edge))
+            method = labelled.from_foreground(
+                DoG(one.loc[name, "threshold"], edge=edge)
+            )
             counts = labelled.run([own], {"SIFT": method})[["tp", "fp", "fn"]].sum()
             assert one.loc[name, ["tp", "fp", "fn"]].tolist() == counts.tolist()
         assert one.loc["Total", "fp"] == one.loc[["V3", "V5"], "fp"].sum()
@@ -97,7 +109,9 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
     printed = claims.published("table_5.11")["method"].tolist()
     found = {}
     for largest in (90.0, 1e-3):
-        methods = labelled.table_5_11_methods(Combination(DoG(500.0), largest_px=largest), roi, {})
+        methods = labelled.table_5_11_methods(
+            Combination(DoG(500.0), largest_px=largest), roi, {}
+        )
         assert list(methods) == printed
         table = labelled.run([few], methods).set_index("method")
         found[largest] = table["tp"] + table["fp"]
@@ -108,7 +122,9 @@ def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
 
 
 def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
-    """Each rule gives what it gives alone; clusters are found once, as by their clusterer."""
+    """Each rule gives what it gives alone; clusters are found once, as by their
+    clusterer.
+    """
     few, known = subset._replace(frames=(75,)), {}
     counts = ["method", "tp", "fp", "fn"]
     for threshold in (200.0, 5000.0):

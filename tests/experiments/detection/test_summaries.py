@@ -8,7 +8,14 @@ from kilnflight.experiments.detection import summaries
 def attempts(**true_positives):
     """Return ten particles per frame; a method detects so many of them, by frame."""
     rows = [
-        {"subset": subset, "frame": t, "method": method, "tp": tp, "fp": 0, "fn": 10 - tp}
+        {
+            "subset": subset,
+            "frame": t,
+            "method": method,
+            "tp": tp,
+            "fp": 0,
+            "fn": 10 - tp,
+        }
         for method, detected in true_positives.items()
         for subset in ("V1", "V2")
         for t, tp in enumerate(detected)
@@ -31,7 +38,9 @@ def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
 
 
 def test_particles_are_classified_by_their_distance_from_the_axis():
-    marked = pd.DataFrame({"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"})
+    marked = pd.DataFrame(
+        {"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"}
+    )
     marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
     thresholds = {"low": 750.0, "high": 800.0}
     more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])

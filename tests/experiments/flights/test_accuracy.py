@@ -9,7 +9,9 @@ from kilnflight.experiments.flights import accuracy, campaigns
 from kilnflight.experiments.flights.accuracy import FlightTables, compare, errors
 from kilnflight.experiments.flights.campaigns import LearnedSettings
 
-LEARNED = LearnedSettings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
+LEARNED = LearnedSettings(
+    300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0
+)
 TRUE = pd.DataFrame(
     {
         "particle": [10, 11, 12, 13],
@@ -33,7 +35,9 @@ FLIGHTS = pd.DataFrame(
         "refused": "",
     }
 )
-SLICES = pd.DataFrame({"particle": [1, 3], "slice_m": [1.0, 1.0], "velocity_m_s": [5.5, 9.0]})
+SLICES = pd.DataFrame(
+    {"particle": [1, 3], "slice_m": [1.0, 1.0], "velocity_m_s": [5.5, 9.0]}
+)
 
 
 def test_flights_beside_the_truth():
@@ -55,7 +59,9 @@ def test_flights_beside_the_truth():
 
 
 def test_true_places_replace_those_of_known_owners_and_links_lose_depths_of_no_gate():
-    true = pd.DataFrame({"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]})
+    true = pd.DataFrame(
+        {"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]}
+    )
     tracks = pd.DataFrame({"frame": [0, 1, 1], "particle": 3, "x": 8.0, "y": 9.0})
     tracks = tracks.assign(z=[7499.0, 7400.0, 9000.0])
     linked, deep = accuracy.with_truth(tracks, np.array([7, 7, -1]), true)
@@ -75,10 +81,14 @@ def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
         replaced = dict(accuracy.replace_steps(campaign, tracks, fits))
         for tables in replaced.values():
             assert set(tables.flights["particle"]) <= set(tables.particles.index)
-        return {name: tables.flights["t0_s"].to_numpy() for name, tables in replaced.items()}
+        return {
+            name: tables.flights["t0_s"].to_numpy() for name, tables in replaced.items()
+        }
 
     exact = starts(true)[accuracy.WHOLE]
-    found = starts(true.assign(z=true["z"] + np.where(true["frame"] % 2, 300.0, -200.0)))
+    found = starts(
+        true.assign(z=true["z"] + np.where(true["frame"] % 2, 300.0, -200.0))
+    )
     for name in ("true depth", "true trajectories", "true positions and links"):
         np.testing.assert_allclose(found[name], exact, err_msg=name)
     for name in ("true links", "weighted axes", accuracy.WHOLE):
@@ -92,8 +102,12 @@ def test_ignition_is_found_where_true_positions_begin_to_burn(monkeypatch):
     step, tables = next(accuracy.replace_steps(campaign, true, {}))
     assert step == "true positions and links"
     flights = tables.flights.set_index("particle")
-    found = (flights["t0_s"] + flights["ignition_s"]).dropna()  # on the recording's clock
+    found = (
+        flights["t0_s"] + flights["ignition_s"]
+    ).dropna()  # on the recording's clock
     life = campaigns.twin_of(campaign).life
-    ignited = pd.Series(life.release_s + life.flights.ignition_s, life.table["particle"])
+    ignited = pd.Series(
+        life.release_s + life.flights.ignition_s, life.table["particle"]
+    )
     assert len(found) > 3
     np.testing.assert_allclose(found, ignited[found.index], atol=0.003)  # one frame

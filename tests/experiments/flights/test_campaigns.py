@@ -21,27 +21,41 @@ def test_values_are_of_accepted_flights_from_the_lance():
     tracks = pd.concat([track(1, 5.0), track(2, 8.0), track(3, 5.0)])
     fitted = regress_all(tracks, (0.0, 0.0, 6500.0), 100.0, Regression(highest=2))
     flown = pd.DataFrame(dict.fromkeys(FLIGHTS.names, 0.0) | {"particle": [1, 2, 3]})
-    flown = flown.assign(dwell_s=[0.3, 0.4, 9.0], end_s=0.3, ending="landed", refused="")
-    flown = flown.assign(ignition_s=[np.nan, 0.1, np.nan], from_lance=[True, True, False])
+    flown = flown.assign(
+        dwell_s=[0.3, 0.4, 9.0], end_s=0.3, ending="landed", refused=""
+    )
+    flown = flown.assign(
+        ignition_s=[np.nan, 0.1, np.nan], from_lance=[True, True, False]
+    )
     velocity = {"slice_m": [1.0, -1.0, 1.0, 2.0], "velocity_m_s": [5.0, -3.0, 8.0, 7.0]}
     sliced = pd.DataFrame({"particle": [1, 2, 2, 2], **velocity})
     values = campaigns.flight_values(fitted, flown, sliced)
     assert values.dwell_s.tolist() == [0.3, 0.4]
-    np.testing.assert_equal(values.velocity_m_s[:, :3], [[5, np.nan, np.nan], [8, 7, np.nan]])
+    np.testing.assert_equal(
+        values.velocity_m_s[:, :3], [[5, np.nan, np.nan], [8, 7, np.nan]]
+    )
     np.testing.assert_equal(values.ignition_s, [np.nan, 0.1])
     np.testing.assert_allclose(values.reached_m, [1.5, 2.4], rtol=1e-3)
     lost = flown.assign(ending=["lost", "burnt out", "landed"], last_s=[0.25, 0.4, 9.0])
     values = campaigns.flight_values(fitted, lost, sliced)
     assert values.dwell_s.tolist() == [0.4]  # only complete flights have a dwell time
-    every = campaigns.flight_values(fitted, lost, sliced, complete=("lost", "burnt out"))
+    every = campaigns.flight_values(
+        fitted, lost, sliced, complete=("lost", "burnt out")
+    )
     assert every.dwell_s.tolist() == [0.3, 0.4]
     left = lost.assign(ending=["left the view", "lost", "landed"])
     assert campaigns.flight_values(fitted, left, sliced).dwell_s.tolist() == [0.3]
-    assert values.censored_s.tolist() == [0.25]  # last detected 0.25 s after it left, at t0 = 0
+    assert values.censored_s.tolist() == [
+        0.25
+    ]  # last detected 0.25 s after it left, at t0 = 0
     assert len(values.ignition_s) == len(values.reached_m) == 2
     refused = lost.assign(refused=["", "turns back behind the lance", ""])
     values = campaigns.flight_values(fitted, refused, sliced)
-    assert (len(values.dwell_s), len(values.censored_s), len(values.velocity_m_s)) == (0, 1, 1)
+    assert (len(values.dwell_s), len(values.censored_s), len(values.velocity_m_s)) == (
+        0,
+        1,
+        1,
+    )
 
 
 @given(
@@ -63,6 +77,8 @@ def test_the_busiest_frames_hold_the_most_whole_flights(flown, count):
 
 
 def test_of_windows_without_a_whole_flight_the_one_with_most_flying_counts():
-    frames = campaigns.busiest(np.array([1.0, 2.0, 2.1]), np.full(3, 0.9), 100.0, 50, 500)
+    frames = campaigns.busiest(
+        np.array([1.0, 2.0, 2.1]), np.full(3, 0.9), 100.0, 50, 500
+    )
     assert frames == range(210, 260)
     assert campaigns.busiest(np.empty(0), np.empty(0), 100.0, 900, 500) == range(500)

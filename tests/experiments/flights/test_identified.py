@@ -1,4 +1,6 @@
-"""Numbers by which inputs were identified: hand-made paths, and the values that were taken."""
+"""Numbers by which inputs were identified: hand-made paths, and the values that were
+taken.
+"""
 
 from dataclasses import replace
 
@@ -47,19 +49,29 @@ def test_one_path_of_a_shred_in_32_is_irregular(bar):
 def test_the_calibration_stays_and_the_rest_comes_anew():
     scene = scenes.campaign("PE granule", 4.5)
     places = pd.DataFrame({"row": 300.0, "col": 900.0, "z": 5000.0}, index=range(2000))
-    seen = [identified.seen_by_camera(places, scene, 150.0, seed)["z"] for seed in (0, 1)]
+    seen = [
+        identified.seen_by_camera(places, scene, 150.0, seed)["z"] for seed in (0, 1)
+    ]
     fixed = scene.depth.calibration(1536, 2048, scene.calibration)[300, 900] * 110.0
     for each in seen:
         assert each.mean() == pytest.approx(5000.0 + fixed, abs=12)
-        assert each.std() == pytest.approx(np.hypot(150.0, np.sqrt(0.9) * 110.0), rel=0.05)
+        assert each.std() == pytest.approx(
+            np.hypot(150.0, np.sqrt(0.9) * 110.0), rel=0.05
+        )
     assert abs(np.corrcoef(*seen)[0, 1]) < 0.1
 
 
-@pytest.mark.parametrize("fraction", ["wood chip", "confetti", "paper shred", "PE granule"])
+@pytest.mark.parametrize(
+    "fraction", ["wood chip", "confetti", "paper shred", "PE granule"]
+)
 def test_rmse_in_depth_is_that_of_table_5_18(fraction):
-    printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])["value"]
+    printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])[
+        "value"
+    ]
     name = next(
-        each for each in printed.index.levels[0] if each.lower().startswith(fraction.lower())
+        each
+        for each in printed.index.levels[0]
+        if each.lower().startswith(fraction.lower())
     )
     scene = scenes.campaign(fraction, 4.5)
     own = dict(scene.depth.particle_error_mm)[fraction]

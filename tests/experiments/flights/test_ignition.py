@@ -17,9 +17,16 @@ def test_a_trace_counts_up_to_the_landing():
     gray = np.where(frame < np.where(particle == 0, 8, 13), 900.0, 2000.0)  # 8: 0.8 s
     tracks = {"particle": particle, "frame": frame, "time_s": frame / 10, "gray": gray}
     tracks = pd.DataFrame(tracks).assign(background=1000.0)
-    count = ignition.count_lit(flights, tracks, pd.Series({0: False, 2: True}), Ignition())
+    count = ignition.count_lit(
+        flights, tracks, pd.Series({0: False, 2: True}), Ignition()
+    )
     assert (count["light_up"], count["light_at_first"], count["too_few"]) == (1, 0, 0)
-    assert [count[name] for name in ("unlit", "unlit_up", "lit", "lit_up")] == [1, 1, 0, 0]
+    assert [count[name] for name in ("unlit", "unlit_up", "lit", "lit_up")] == [
+        1,
+        1,
+        0,
+        0,
+    ]
     assert (count["number"], count["estimate"]) == (2, 0.5)
 
 
@@ -27,11 +34,23 @@ def test_light_at_first_sight_is_no_ignition():
     """ "If the gray value increases abruptly" (5.3.2): it must rise."""
     frame = np.arange(30)
     steady = 2000.0 + 10 * np.sin(5 * frame)
-    tracks = pd.DataFrame({"particle": 0, "frame": frame, "time_s": frame / 100, "gray": steady})
+    tracks = pd.DataFrame(
+        {"particle": 0, "frame": frame, "time_s": frame / 100, "gray": steady}
+    )
     flights = pd.DataFrame({"particle": [0, 1], "end_s": 1.0})
     tracks = tracks.assign(background=1000.0)
-    count = ignition.count_lit(flights, tracks, pd.Series({0: False, 1: True}), Ignition())
-    names = ("light_up", "light_at_first", "too_few", "unlit", "unlit_up", "unlit_light", "lit")
+    count = ignition.count_lit(
+        flights, tracks, pd.Series({0: False, 1: True}), Ignition()
+    )
+    names = (
+        "light_up",
+        "light_at_first",
+        "too_few",
+        "unlit",
+        "unlit_up",
+        "unlit_light",
+        "lit",
+    )
     assert [count[name] for name in names] == [0, 1, 1, 1, 0, 1, 0]
     assert count["unlit_gray"] == pytest.approx(2000.0, abs=5)
 
@@ -48,7 +67,12 @@ def test_hits_and_false_alarms_are_counted():
             "measured_ignition_s": [0.13, np.nan, 0.3, np.nan, np.nan, np.nan],
         }
     )
-    other = ["true_dwell_s", "measured_dwell_s", "true_velocity_m_s", "measured_velocity_m_s"]
+    other = [
+        "true_dwell_s",
+        "measured_dwell_s",
+        "true_velocity_m_s",
+        "measured_velocity_m_s",
+    ]
     both = both.assign(**dict.fromkeys(other, 1.0))
     row = errors(both)
     assert (row["lit"], row["unlit"]) == (2, 3)  # of the five that were detected

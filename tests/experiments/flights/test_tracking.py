@@ -24,12 +24,19 @@ class Flat:
 def path(particle, row=500.0, col=900.0, z=6500.0, frames=range(20)):
     """A track that leaves a place to the right and towards the camera."""
     age = np.arange(len(frames))
-    table = {"frame": list(frames), "particle": particle, "row": row, "col": col + 20.0 * age}
+    table = {
+        "frame": list(frames),
+        "particle": particle,
+        "row": row,
+        "col": col + 20.0 * age,
+    }
     return pd.DataFrame({**table, "x": 0.0, "y": 0.0, "z": z - 30.0 * age})
 
 
 def test_each_part_is_replaced_by_the_truth():
-    truth = pd.concat([path(k, row=row, frames=range(30)) for k, row in ((7, 400.0), (8, 600.0))])
+    truth = pd.concat(
+        [path(k, row=row, frames=range(30)) for k, row in ((7, 400.0), (8, 600.0))]
+    )
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
     seen = pd.concat([seen, clutter]).sort_values("frame", ignore_index=True)
@@ -45,8 +52,12 @@ def test_each_part_is_replaced_by_the_truth():
         found = tracking.cells(replaced, tracking.follow_all(replaced, {"GNN": track}))
         return scores.tabulate(found.values()).set_index("postprocessing")
 
-    assert scored(truth.drop(columns="particle")).loc["without", "alpha"] == pytest.approx(1.0)
-    links = tracking.cells([window], {("confetti", "links"): {scores.STAGES[0]: linked}})
+    assert scored(truth.drop(columns="particle")).loc[
+        "without", "alpha"
+    ] == pytest.approx(1.0)
+    links = tracking.cells(
+        [window], {("confetti", "links"): {scores.STAGES[0]: linked}}
+    )
     links = scores.tabulate(links.values()).iloc[0]
     assert links["jsc_theta"] == 1.0
     assert links["alpha"] == pytest.approx(54 / 60)
@@ -71,7 +82,9 @@ def test_what_starts_at_the_lance_is_kept_and_what_continues():
     elsewhere, short = path(1, col=1300.0), path(2, frames=range(50, 64))
     in_front, no_depth = path(3, z=5000.0), path(4, z=np.nan)
     backwards = path(5).assign(frame=lambda t: t["frame"].to_numpy()[::-1])
-    tracks = pd.concat([path(-1), path(0), elsewhere, short, in_front, no_depth, backwards])
+    tracks = pd.concat(
+        [path(-1), path(0), elsewhere, short, in_front, no_depth, backwards]
+    )
     assert sorted(scores.from_lance(tracks, LANCE)["particle"].unique()) == [0, 2, 4]
     gap = path(6, frames=[50, 51, 64])
     assert sorted(scores.lasting(pd.concat([tracks, gap]))["particle"].unique()) == [
@@ -85,10 +98,19 @@ def test_what_starts_at_the_lance_is_kept_and_what_continues():
 
 
 def test_short_true_trajectories_do_not_count_and_short_false_tracks_do():
-    """Two of three true trajectories last; one false track of three frames is at the lance."""
-    short, false = path(2, row=600.0, frames=range(14)), path(3, row=640.0, frames=range(3))
-    truth = pd.concat([path(0), path(1, row=430.0), short, path(4, col=1300.0, row=900.0)])
-    tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0), false])
+    """Two of three true trajectories last; one false track of three frames is at the
+    lance.
+    """
+    short, false = (
+        path(2, row=600.0, frames=range(14)),
+        path(3, row=640.0, frames=range(3)),
+    )
+    truth = pd.concat(
+        [path(0), path(1, row=430.0), short, path(4, col=1300.0, row=900.0)]
+    )
+    tracks = pd.concat(
+        [path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0), false]
+    )
     score = scores.score_from_lance(truth, tracks, LANCE)
     assert (score.tp_tracks, score.fn_tracks, score.fp_tracks) == (2, 0, 1)
     assert (score.alpha, score.beta, score.jsc) == (1.0, 40 / 43, 40 / 43)
@@ -98,19 +120,29 @@ def test_short_true_trajectories_do_not_count_and_short_false_tracks_do():
 
 
 def test_limits_of_tracks_are_identified_by_raw_jsc_theta(monkeypatch):
-    """A window whose two flights are hidden in one frame each; print has one track per flight."""
+    """A window whose two flights are hidden in one frame each; print has one track per
+    flight.
+    """
     truth = pd.concat([path(0), path(1, row=600.0)])
     hidden = (truth["frame"] == 5) | ((truth["frame"] == 1) & (truth["particle"] == 1))
-    seen = truth[~hidden].drop(columns="particle").sort_values("frame", ignore_index=True)
+    seen = (
+        truth[~hidden].drop(columns="particle").sort_values("frame", ignore_index=True)
+    )
     window = tracking.Window("confetti", range(20), seen, truth, truth, Flat(), LANCE)
     limits = [(0.0, 0), (0.6, 1), (0.5, 1)]
     keys = {"fraction": "confetti", "measure": "jsc_theta", "postprocessing": "without"}
     for printed, best, values in (
         (1.0, (0.5, 1), [1.0, 2 / 3, 2 / 5]),  # nothing is cut
-        (0.6, (0.6, 1), [2 / 3, 2 / 5, 1.0]),  # only the first sighting of the second flight
+        (
+            0.6,
+            (0.6, 1),
+            [2 / 3, 2 / 5, 1.0],
+        ),  # only the first sighting of the second flight
         (0.4, (0.0, 0), [2 / 5, 2 / 3, 1.0]),  # at each miss
     ):
-        table = pd.DataFrame([keys | {"tracker": t, "published": printed} for t in scores.TRACKERS])
+        table = pd.DataFrame(
+            [keys | {"tracker": t, "published": printed} for t in scores.TRACKERS]
+        )
         monkeypatch.setattr(scores, "published", lambda table=table: table)
         found = trackers.identify([window], limits)
         assert tuple(found.loc[0, ["visibility", "missed_frames"]]) == best
@@ -124,7 +156,9 @@ def test_trackers_are_as_their_table_says():
     table = trackers.settings()
     assert set(table["decided_by"]) == {"identified", "assumption"}
     best = trackers.limits().sort_values("misfit", kind="stable").iloc[0]
-    assert (table.loc["missed_frames", list(scores.TRACKERS)] == best["missed_frames"]).all()
+    assert (
+        table.loc["missed_frames", list(scores.TRACKERS)] == best["missed_frames"]
+    ).all()
     tracker = trackers.chosen("GNN", missed_frames=7).keywords
     assert tracker["management"].invisible == 7
     assert tracker["gate"].distance == table.loc["gate", "GNN"]
@@ -138,7 +172,9 @@ def right(seen):
 
 def half(seen):
     """Follow every other trajectory only."""
-    return right(seen).assign(particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1))
+    return right(seen).assign(
+        particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +185,9 @@ def cells():
         tracking.Window(name, range(360), seen, truth, truth, Flat(), LANCE)
         for name in scores.SINGULARS.values()
     ]
-    return tracking.cells(windows, tracking.follow_all(windows, {"GNN": right, "JPDA": half}))
+    return tracking.cells(
+        windows, tracking.follow_all(windows, {"GNN": right, "JPDA": half})
+    )
 
 
 def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
@@ -167,9 +205,15 @@ def test_differences_are_paired_means_of_both_sides(cells):
     row = scores.difference(cells, (scores.MEAN, "JPDA - GNN", "with"), "alpha, beta")
     assert row["recomputed"] == pytest.approx(-0.5)
     assert row["low"] < -0.5 < row["high"] < 0
-    printed = scores.published().query("postprocessing == 'with' and measure in ['alpha', 'beta']")
+    printed = scores.published().query(
+        "postprocessing == 'with' and measure in ['alpha', 'beta']"
+    )
     mean = printed.groupby("tracker")["published"].mean()
     assert row["published"] == pytest.approx(mean["JPDA"] - mean["GNN"])
     same = scores.difference(cells, ("confetti", scores.BOTH, "with - without"), "jsc")
-    assert (same["recomputed"], same["low"], same["high"]) == (0.0, 0.0, 0.0)  # nothing to mend
+    assert (same["recomputed"], same["low"], same["high"]) == (
+        0.0,
+        0.0,
+        0.0,
+    )  # nothing to mend
     assert scores.differences(cells)["claim"].nunique() == 7

@@ -6,7 +6,8 @@ import pytest
 from kilnflight.simulated.belt.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
 from kilnflight.tables import BELT_TRACKS
 
-# One row of particles without collisions, spread or rolling friction: closed forms apply.
+# One row of particles without collisions, spread or rolling friction: closed forms
+# apply.
 QUIET = FrictionBelt(
     particles=20,
     velocity_spread_mm_s=0.0,
@@ -31,7 +32,11 @@ def test_a_cuboid_gains_mu_g_until_it_moves_with_the_belt():
     first = tracks.groupby("particle").first()
     time = tracks["time_s"] - tracks["particle"].map(first["time_s"])
     gain = QUIET.friction * GRAVITY_MM_S2
-    expected = tracks["particle"].map(first["x"]) + QUIET.velocity_mm_s * time + gain * time**2 / 2
+    expected = (
+        tracks["particle"].map(first["x"])
+        + QUIET.velocity_mm_s * time
+        + gain * time**2 / 2
+    )
     before = QUIET.velocity_mm_s + gain * time < QUIET.belt_mm_s
     np.testing.assert_allclose(tracks["x"][before], expected[before], atol=0.3)
 
@@ -46,7 +51,9 @@ def test_a_sphere_that_does_not_roll_yet_gains_two_sevenths_of_the_difference():
     for friction in (0.1, 0.5):
         sphere = replace(QUIET, inertia=0.4, friction=friction, end_mm=3000.0)
         expected = 923.0 + 2 / 7 * (1500.0 - 923.0)
-        np.testing.assert_allclose(final_velocity(run(sphere))["x"], expected, rtol=1e-6)
+        np.testing.assert_allclose(
+            final_velocity(run(sphere))["x"], expected, rtol=1e-6
+        )
 
 
 def test_rolling_friction_brings_a_sphere_to_the_belt():

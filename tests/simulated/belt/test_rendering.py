@@ -24,9 +24,14 @@ def test_a_level_camera_has_the_scale_of_the_paper():
     np.testing.assert_allclose(corners[1] - corners[0], [0.0, 400 / 0.44])
     np.testing.assert_allclose(corners[3] - corners[0], [180 / 0.44, 0.0])
     np.testing.assert_allclose(corners.mean(axis=0), [353.5, 531.5])
-    flat, high = LEVEL.pixels(np.array([[500.0, 60.0, 0.0], [500.0, 60.0, 4.0]])) - [353.5, 531.5]
+    flat, high = LEVEL.pixels(np.array([[500.0, 60.0, 0.0], [500.0, 60.0, 4.0]])) - [
+        353.5,
+        531.5,
+    ]
     np.testing.assert_allclose(high, flat * 1000 / (1000 - 4))
-    middle = CameraView(turned_deg=-1.0, tilted_deg=1.0).pixels(np.array([[588.0, 90.0, 0.0]]))
+    middle = CameraView(turned_deg=-1.0, tilted_deg=1.0).pixels(
+        np.array([[588.0, 90.0, 0.0]])
+    )
     np.testing.assert_allclose(middle, [[353.5, 531.5]], atol=1e-9)
 
 
@@ -38,7 +43,9 @@ def test_a_particle_has_its_area_and_its_place(name):
     empty = Pictures(one_track(x=10.0), bulk, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
     window = np.s_[240:340, 330:430]
     share = (pictures[0].astype(float) - empty[0])[window] / 200.0
-    flat = {"spheres": np.pi * 2.5**2, "cuboids": 6.0 * 5.0, "cylinders": 9.0 * 3.0}[name]
+    flat = {"spheres": np.pi * 2.5**2, "cuboids": 6.0 * 5.0, "cylinders": 9.0 * 3.0}[
+        name
+    ]
     assert share.sum() * 0.44**2 == pytest.approx(flat, rel=0.02)
     rows, cols = np.mgrid[window]
     place = [(share * rows).sum() / share.sum(), (share * cols).sum() / share.sum()]

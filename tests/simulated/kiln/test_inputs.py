@@ -6,7 +6,15 @@ from dataclasses import fields, is_dataclass
 import pandas as pd
 import pytest
 
-from kilnflight.simulated.kiln import background, feeding, fuel, laws, life, picture, scenes
+from kilnflight.simulated.kiln import (
+    background,
+    feeding,
+    fuel,
+    laws,
+    life,
+    picture,
+    scenes,
+)
 from kilnflight.store import paths
 
 TABLE = pd.read_csv(paths.reference() / "twin_inputs.csv", keep_default_na=False)
@@ -29,22 +37,37 @@ def flat(value):
 def test_the_listed_inputs_are_those_of_the_code():
     scene = scenes.ground_truth("V1")
     rooms = (background, feeding, laws, life, picture, scenes)
-    known = dict(parts(scene)) | {room.__name__.rpartition(".")[2]: room for room in rooms}
+    known = dict(parts(scene)) | {
+        room.__name__.rpartition(".")[2]: room for room in rooms
+    }
     known |= {f"{name} at {bar} bar": law for (name, bar), law in laws.LAWS.items()}
     known |= fuel.FRACTIONS | {"Scene": scene}
-    others = {f"{name}.depth_error_mm": error for name, error in scene.depth.particle_error_mm}
+    others = {
+        f"{name}.depth_error_mm": error for name, error in scene.depth.particle_error_mm
+    }
     for kind in scenes.COUNTS:
         others |= {f"labelled {kind}.counts": scenes.COUNTS[kind]}
         others |= {f"labelled {kind}.shares": feeding.MIXTURES[kind]}
     for name in fuel.FRACTIONS:
-        others |= {f"{name}.window": scenes.WINDOWS[name], f"{name}.frames": scenes.LENGTHS[name]}
+        others |= {
+            f"{name}.window": scenes.WINDOWS[name],
+            f"{name}.frames": scenes.LENGTHS[name],
+        }
     for name, text in zip(TABLE["name"], TABLE["value"], strict=True):
         of, _, key = name.rpartition(".")
         value = others[name] if name in others else getattr(known[of], key)
-        assert flat(ast.literal_eval(text)) == pytest.approx(flat(value), rel=1e-5), name
+        assert flat(ast.literal_eval(text)) == pytest.approx(flat(value), rel=1e-5), (
+            name
+        )
 
 
 def test_every_input_has_a_status_and_a_source():
-    assert set(TABLE["status"]) == {"published", "handbook", "fitted", "identified", "assumption"}
+    assert set(TABLE["status"]) == {
+        "published",
+        "handbook",
+        "fitted",
+        "identified",
+        "assumption",
+    }
     assert TABLE["name"].is_unique
     assert (TABLE["source"] != "").all()

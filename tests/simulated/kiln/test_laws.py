@@ -7,11 +7,19 @@ import pytest
 
 from kilnflight.simulated.kiln import truth
 from kilnflight.simulated.kiln.geometry import Geometry
-from kilnflight.simulated.kiln.laws import ENDS, GRAVITY_M_S2, LAWS, burning, fly, released
+from kilnflight.simulated.kiln.laws import (
+    ENDS,
+    GRAVITY_M_S2,
+    LAWS,
+    burning,
+    fly,
+    released,
+)
 
 PLACE = Geometry()
 RUNS = pytest.mark.parametrize(("fraction", "bar"), LAWS)
-# First metre (m/s), share beyond 2 m (%), median dwell time (s): of the laws with 1000 particles
+# First metre (m/s), share beyond 2 m (%), median dwell time (s): of the laws with 1000
+# particles
 EXPECTED = {
     ("wood chip", 4.5): (13.5, 100, 0.33),
     ("wood chip", 5.0): (13.1, 97, 0.30),
@@ -30,7 +38,9 @@ def test_the_laws_give_the_printed_numbers(fraction, bar):
     first, beyond, dwell = EXPECTED[fraction, bar]
     values = truth.true_flight_values(flights)
     assert np.nanmedian(values.velocity_m_s[:, 0]) == pytest.approx(first, abs=0.25)
-    assert 100 * np.isfinite(flights.crossings()[:, 1]).mean() == pytest.approx(beyond, abs=3)
+    assert 100 * np.isfinite(flights.crossings()[:, 1]).mean() == pytest.approx(
+        beyond, abs=3
+    )
     assert np.median(values.dwell_s) == pytest.approx(dwell, abs=0.02)
     lit = np.isfinite(flights.ignition_s).mean()
     assert lit == pytest.approx(LAWS[fraction, bar].ignite, abs=0.03)
@@ -53,7 +63,9 @@ def test_none_leaves_the_cylinder_and_speeds_change_slowly(fraction, bar):
 
 
 def test_without_drag_and_flutter_it_is_a_parabola():
-    law = replace(LAWS["wood chip", 4.5], slope=0.0, drag_s=1e6, aside_sd=0.0, rise_sd=0.0)
+    law = replace(
+        LAWS["wood chip", 4.5], slope=0.0, drag_s=1e6, aside_sd=0.0, rise_sd=0.0
+    )
     flights = fly(law, 5, replace(PLACE, kiln_radius_mm=5e3), np.random.default_rng(1))
     age = np.linspace(0, 0.3, 7)[:, None] + np.zeros(5)
     s, _, z = np.moveaxis(flights.position(age), -1, 0)

@@ -20,7 +20,9 @@ PLACE, OPTICS = Geometry(), Optics()
 
 
 def painted(fraction, burning, count=40, time_s=0.0):
-    """Return grey values at the centres of particles that fly apart before the wall, (count,)."""
+    """Return grey values at the centres of particles that fly apart before the wall,
+    (count,).
+    """
     table = FRACTIONS[fraction].draw(count, np.random.default_rng(1))
     bodies = drawing.draw_bodies(table, 1)
     looks = draw_looks(table["fraction"].to_numpy(object), OPTICS, 1)
@@ -61,8 +63,13 @@ def test_no_unlit_particle_reaches_full_scale():
 
 def test_a_flame_is_round_and_larger_than_what_does_not_burn():
     names = np.repeat(["confetti", "paper shred"], 200)
-    table = pd.concat([FRACTIONS[name].draw(1, np.random.default_rng(3)) for name in names])
-    bodies, looks = drawing.draw_bodies(table, 3), draw_looks(names.astype(object), OPTICS, 3)
+    table = pd.concat(
+        [FRACTIONS[name].draw(1, np.random.default_rng(3)) for name in names]
+    )
+    bodies, looks = (
+        drawing.draw_bodies(table, 3),
+        draw_looks(names.astype(object), OPTICS, 3),
+    )
     n, shapes = len(names), []
     for burning in (True, False):
         moment = Moment(
@@ -76,7 +83,11 @@ def test_a_flame_is_round_and_larger_than_what_does_not_burn():
         shape = drawing.project(moment, bodies, looks, PLACE, OPTICS, 0.0).spread_px2
         shapes.append(np.sqrt(np.linalg.eigvalsh(shape)))
     flames, unlit = shapes
-    assert np.median(flames[:, 1] / flames[:, 0]) < 1.5 < np.median(unlit[:, 1] / unlit[:, 0])
+    assert (
+        np.median(flames[:, 1] / flames[:, 0])
+        < 1.5
+        < np.median(unlit[:, 1] / unlit[:, 0])
+    )
     areas = flames.prod(axis=1), unlit.prod(axis=1)
     assert np.median(areas[0]) > np.median(areas[1])
 
@@ -86,9 +97,13 @@ def test_an_unlit_particle_flickers_about_its_mean():
     rows = np.arange(30)
     for row in rows:
         time_s = np.linspace(0, 3 / looks.tumble_hz[row], 300, endpoint=False)
-        level = np.array([looks.unlit(rows[[row]], t, OPTICS.tumble)[0] for t in time_s])
+        level = np.array(
+            [looks.unlit(rows[[row]], t, OPTICS.tumble)[0] for t in time_s]
+        )
         assert level.mean() == pytest.approx(looks.level[row])
-        assert np.ptp(level) == pytest.approx(2 * OPTICS.tumble * looks.level[row], rel=0.01)
+        assert np.ptp(level) == pytest.approx(
+            2 * OPTICS.tumble * looks.level[row], rel=0.01
+        )
 
 
 def without_particles(clutter):

@@ -24,7 +24,9 @@ def blobs(row, column, half, brightness=20_000.0, adds=True, softness=0.05):
     )
 
 
-@given(st.floats(20, 170), st.floats(20, 230), st.floats(2.0, 12.0), st.floats(2.0, 12.0))
+@given(
+    st.floats(20, 170), st.floats(20, 230), st.floats(2.0, 12.0), st.floats(2.0, 12.0)
+)
 def test_a_drawn_ellipse_has_its_area_and_centre(row, column, a, b):
     pixels = drawing.cover(blobs(row, column, (a, b)), 192, 256)
     inside = pixels.place[pixels.radius <= 1]
@@ -56,5 +58,7 @@ def test_visible_is_what_a_person_would_mark(half, contrast, visible):
     """Contrast over three times the noise (68 at 5000) over at least five pixels."""
     picture = np.full((192, 256), 5000.0, dtype=np.float32)
     single = blobs(90, 120, half, brightness=contrast)
-    _, visible_particles = drawing.paint(picture, single, drawing.cover(single, 192, 256), Optics())
+    _, visible_particles = drawing.paint(
+        picture, single, drawing.cover(single, 192, 256), Optics()
+    )
     assert visible_particles[0] == visible

@@ -61,11 +61,15 @@ def test_labels_and_instances_are_those_of_the_truth(twin):
         row = marked["row"].round().astype(int).clip(0, 383)
         column = marked["col"].round().astype(int).clip(0, 511)
         labelled = frame.labels[row, column]
-        assert (labelled == marked["label"]).mean() > 0.8  # the rest lies behind another
+        assert (
+            labelled == marked["label"]
+        ).mean() > 0.8  # the rest lies behind another
         image = truth.instances(twin, t)
         assert ((image >= 0) == (frame.labels >= 2)).all()
         shown = sightings.set_index("particle").loc[np.unique(image[image >= 0])]
-        hidden = shown[~shown["visible"]]  # the middle of such a one is out of the picture
+        hidden = shown[
+            ~shown["visible"]
+        ]  # the middle of such a one is out of the picture
         inside = hidden["row"].between(-0.5, 383.5) & hidden["col"].between(-0.5, 511.5)
         assert not inside.any()
 
@@ -94,7 +98,8 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
     name = "wood-chip-4.5-bar@small"
     first = scenes.cached_scene(name)
     monkeypatch.setattr(
-        "kilnflight.simulated.kiln.scene.LensWall.of", lambda *_: pytest.fail("worked out again")
+        "kilnflight.simulated.kiln.scene.LensWall.of",
+        lambda *_: pytest.fail("worked out again"),
     )
     kept = scenes.cached_scene(name)
     same_frame(kept.frame(205), first.frame(205))

@@ -15,12 +15,16 @@ STEP = FULL_SCALE / 255  # of an 8-bit screen
 
 
 def view_of(rises, wall):
-    """A view of particles in rows of a picture; ``rises`` are by how much each pixel is lighter."""
+    """A view of particles in rows of a picture; ``rises`` are by how much each pixel is
+    lighter.
+    """
     picture = np.full((len(rises), 9), wall, np.float32)
     for row, values in zip(picture, rises, strict=True):
         row[: len(values)] += values
     blob = np.repeat(np.arange(len(rises)), [len(values) for values in rises])
-    place = np.concatenate([9 * k + np.arange(len(values)) for k, values in enumerate(rises)])
+    place = np.concatenate(
+        [9 * k + np.arange(len(values)) for k, values in enumerate(rises)]
+    )
     nothing = np.zeros(len(place))
     return SceneView(
         picture=picture,
@@ -36,7 +40,14 @@ def view_of(rises, wall):
 
 def test_a_place_is_noted_at_the_centroid_of_pixels_lighter_by_four_steps():
     rises = [
-        [5 * STEP, 5 * STEP, 5 * STEP, 3 * STEP, 5 * STEP, 4 * STEP],  # columns 0, 1, 2, 4, 5
+        [
+            5 * STEP,
+            5 * STEP,
+            5 * STEP,
+            3 * STEP,
+            5 * STEP,
+            4 * STEP,
+        ],  # columns 0, 1, 2, 4, 5
         [-20 * STEP] * 9,  # darker
         [9 * STEP] * 4,  # too few pixels
         [3.9 * STEP] * 9,  # too faint
@@ -71,7 +82,9 @@ def test_notes_are_the_marks_with_their_places(twin):
 
 
 def test_particles_on_the_wall_and_short_ones_are_not_followed():
-    table = pd.DataFrame({"particle": np.repeat([0, 1, 2], [5, 4, 6]), "frame": [*range(15)]})
+    table = pd.DataFrame(
+        {"particle": np.repeat([0, 1, 2], [5, 4, 6]), "frame": [*range(15)]}
+    )
     table["label"] = np.where(table["particle"] == 2, 4, 3)
     assert truth.followed(table)["particle"].tolist() == [0] * 5
     assert set(truth.followed(table, shortest=4)["particle"]) == {0, 1}
@@ -101,11 +114,15 @@ def test_windows_hold_whole_flights_as_printed():
     assert started.tolist() == [7, 7, 0, 7]
     assert ended.tolist() == [0, 7, 0, 7]
     assert scenes.tracking_window(twin, by_starts=True) == range(100, 400)
-    assert scenes.tracking_window(twin) == range(130, 430)  # as near to 100, and none is cut
+    assert scenes.tracking_window(twin) == range(
+        130, 430
+    )  # as near to 100, and none is cut
 
 
 @pytest.mark.parametrize(("rate", "first"), [(330.0, 500), (100.0, 960)])
-def test_all_flights_that_start_count_where_a_window_is_shorter_than_a_flight(rate, first):
+def test_all_flights_that_start_count_where_a_window_is_shorter_than_a_flight(
+    rate, first
+):
     cut = [(500 + k, 700) for k in range(32)]
     whole = [(1000 + k, 1050) for k in range(31)]
     twin = campaign("paper shred", *cut, *whole, rate=rate)

@@ -1,9 +1,10 @@
 """A bar of valves driven by exact positions and by pictures, and what it separates.
 
-tracks or pictures -> Entering -> fitted models -> predictions -> valves -> shares that are hit
+tracks or pictures -> Entering -> fitted models -> predictions -> valves -> shares that
+are hit
 
-Neither paper evaluates valves. The first half of the particles calibrates the models, the second
-half is reported.
+Neither paper evaluates valves. The first half of the particles calibrates the models,
+the second half is reported.
 """
 
 from __future__ import annotations
@@ -33,20 +34,24 @@ from kilnflight.experiments.belt.paper_2016 import PictureTracks, followed_parti
 
 Models = Sequence[tuple[str, ArrivalModel, LateralModel]]
 
-# Fig. 10 of 2020 and two more: what a line-scan camera implies (one velocity for all, straight),
-# and constant velocity without its bias. Fig. 10 shows spreads, but a valve suffers from a bias.
+# Fig. 10 of 2020 and two more: what a line-scan camera implies (one velocity for all,
+# straight), and constant velocity without its bias. Fig. 10 shows spreads, but a valve
+# suffers from a bias.
 VALVE_MODELS = (
     ("IV-Straight", IV(), Straight()),
     *COMBINATIONS,
     ("CVBC-CV", CVBC(), LateralCV()),
 )
-# The belt's filter has a constant velocity, so models of acceleration are left out for pictures.
+# The belt's filter has a constant velocity, so models of acceleration are left out for
+# pictures.
 OF_VELOCITY = tuple(
     (name, when, where)
     for name, when, where in VALVE_MODELS
     if not isinstance(when, CA | CALV) and not isinstance(where, LateralCA)
 )
-PASS_S = 1000.0  # from one pass of the same recording to the next, longer than any recording
+PASS_S = (
+    1000.0  # from one pass of the same recording to the next, longer than any recording
+)
 
 
 class Entering(NamedTuple):
@@ -65,16 +70,21 @@ class Entering(NamedTuple):
     def halves(self) -> tuple[Entering, Entering]:
         """Return the earlier and the later half of the particles, each with its tracks.
 
-        Tracks without a particle are split at the median time of the last observations. The first
-        half calibrates the models, the second tests them.
+        Tracks without a particle are split at the median time of the last observations.
+        The first half calibrates the models, the second tests them.
         """
-        first = (self.arrival["time_s"].rank(method="first") <= len(self.arrival) / 2).to_numpy()
-        rows, entry = self.rows, self.last["time_s"]
+        first = (
+            self.arrival["time_s"].rank(method="first") <= len(self.arrival) / 2
+        ).to_numpy()
+        rows = self.rows
+        entry = self.last["time_s"]
         early = (entry <= entry.median()).to_numpy()
         early = np.where(rows >= 0, first[rows], early) if len(first) else early
         first_half, second_half = (
             self._replace(
-                last=self.last[tracks], truth=self.truth[tracks], arrival=self.arrival[particles]
+                last=self.last[tracks],
+                truth=self.truth[tracks],
+                arrival=self.arrival[particles],
             )
             for tracks, particles in ((early, first), (~early, ~first))
         )
@@ -82,11 +92,16 @@ class Entering(NamedTuple):
 
     def fit(self, models: Models) -> Models:
         """Return name, arrival and lateral model, calibrated with known particles."""
-        matched, target = self.rows >= 0, self.target_mm
+        matched = self.rows >= 0
+        target = self.target_mm
         last = self.last[matched].assign(particle=self.truth[matched])
         arrival = self.arrival.iloc[self.rows[matched]]
         return [
-            (name, when.calibrated(last, arrival, target), where.calibrated(last, arrival))
+            (
+                name,
+                when.calibrated(last, arrival, target),
+                where.calibrated(last, arrival),
+            )
             for name, when, where in models
         ]
 
@@ -99,7 +114,9 @@ class Entering(NamedTuple):
 
     @property
     def missed_share(self) -> float:
-        """Share of the arriving particles that no track follows, so without a prediction."""
+        """Share of the arriving particles that no track follows, so without a
+        prediction.
+        """
         return float((~self.arrival["particle"].isin(self.truth)).mean())
 
 
@@ -108,8 +125,9 @@ def draw_lots(
 ) -> tuple[pd.DataFrame, pd.DataFrame, Flags]:
     """Repeat a recording, with other particles to be blown out in each pass.
 
-    Each particle is to be blown out in one pass and counts as one of the others in the rest. So
-    few particles suffice for both shares. Tracks without a particle are never blown out.
+    Each particle is to be blown out in one pass and counts as one of the others in the
+    rest. So few particles suffice for both shares. Tracks without a particle are never
+    blown out.
 
     Parameters
     ----------
@@ -118,21 +136,23 @@ def draw_lots(
     predicted
         `kilnflight.tables.BELT_PREDICTED`, a row per track of ``entering``.
     blown
-        Share of the particles to be blown out in a pass; there are 1 / ``blown`` passes.
+        Share of the particles to be blown out in a pass; there are 1 / ``blown``
+        passes.
     seed
         Seed of the draw.
 
     Returns
     -------
     meant : DataFrame
-        `kilnflight.tables.BELT_PREDICTED` of the particles to be blown out; pass k is shifted by
-        k times `PASS_S`.
+        `kilnflight.tables.BELT_PREDICTED` of the particles to be blown out; pass k is
+        shifted by k times `PASS_S`.
     every : DataFrame
         `kilnflight.tables.BELT_ARRIVAL` (m rows) of all passes, shifted alike.
     chosen : ndarray
         (m,), whether a particle is to be blown out in that pass.
     """
-    passes, arrival = round(1 / blown), entering.arrival
+    passes = round(1 / blown)
+    arrival = entering.arrival
     lot = np.random.default_rng(seed).permutation(len(arrival)) % passes
     matched = entering.rows >= 0
     meant = predicted[matched]
@@ -153,12 +173,15 @@ def of_bodies(bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
     return Entering(observed.last, truth, observed.arrival, phase.target_mm)
 
 
-def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
+def of_pictures(
+    pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase
+) -> Entering:
     """Return valid tracks from pictures that enter the phase.
 
-    ``bodies`` are exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz, which give the true particle of
-    each track and the arrivals.
+    ``bodies`` are exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz, which give the true
+    particle of each track and the arrivals.
     """
-    arrival, last = phase.observe(bodies).arrival, followed_particles(pictured, bodies)
+    arrival = phase.observe(bodies).arrival
+    last = followed_particles(pictured, bodies)
     truth = last["truth"].where(last["truth"].isin(arrival["particle"]), -1)
     return Entering(last, truth.to_numpy(), arrival, phase.target_mm)

@@ -1,6 +1,7 @@
 """The evaluation of predictive tracking (2016 paper, section IV).
 
-tracks at 1000 Hz -> velocity known, tracking, straight       (noise-free, Figs 6a and 6c)
+tracks at 1000 Hz -> velocity known, tracking, straight       (noise-free, Figs 6a and
+6c)
                   -> pictures -> spots -> tracking, straight  (images, Figs 6b and 6d)
 """
 
@@ -16,7 +17,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.arrays import Array
-from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, calibrate_camera, find_corners
+from kilnflight.belt.camera import (
+    BELT,
+    TRACKED,
+    Area,
+    Calibration,
+    calibrate_camera,
+    find_corners,
+)
 from kilnflight.belt.models import CV, LateralCV
 from kilnflight.belt.phase import PredictionPhase, last_states, summarise_deviations
 from kilnflight.belt.pictures import MeasureSpots, Spots, average
@@ -31,15 +39,21 @@ from kilnflight.scores.intervals import percentiles
 from kilnflight.simulated.belt.rendering import Pictures, at_rate
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
-PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # last 10 cm of the belt (section IV)
+PHASE_2016 = PredictionPhase(
+    TRACKED.end_mm, BELT.end_mm
+)  # last 10 cm of the belt (section IV)
 PARTICLES = {
     "quick": 40,
     "standard": 120,
     "full": 1500,
 }  # "over 1000", section IV; notebook 43: all
 TRUTH_HZ = 1000.0  # "the ground truth data was generated at 1000 Hz", section IV.B
-NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
-SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # approaches of Fig. 6
+NOISE_FREE_MM = (
+    0.001  # standard deviation of a measurement without noise: none at all has no S
+)
+SIM = "Sim"
+TRACKING = "Tracking"
+STRAIGHT = "Straight"  # approaches of Fig. 6
 BACKGROUND_OF = 200  # pictures, evenly spread
 _REPLICATES = 1000  # of the bootstrap over particles
 _Key = TypeVar("_Key")
@@ -58,34 +72,48 @@ def tracker_until(end_mm: float) -> BeltTracker:
     return BeltTracker(appearance=Appearance(Area(end_mm=end_mm)))
 
 
-def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> PictureTracks:
+def track_pictures(
+    pictures: Pictures, end_mm: float = PHASE_2016.start_mm
+) -> PictureTracks:
     """Measure spots in pictures up to x = ``end_mm`` and track them (IV.B).
 
-    The camera is calibrated by the belt's corners in the background, the mean of evenly spread
-    pictures. An empty belt gives empty tables.
+    The camera is calibrated by the belt's corners in the background, the mean of evenly
+    spread pictures. An empty belt gives empty tables.
     """
     step = max(1, len(pictures) // BACKGROUND_OF)
     shown = list(pictures.frames(range(0, max(1, len(pictures)), step)))
-    background, samples, spots = average(shown), shown[::10], Spots()
+    background = average(shown)
+    samples = shown[::10]
+    spots = Spots()
     calibration = calibrate_camera(find_corners(background))
     if any(len(spots(picture, background)) for picture in samples):
         spots = spots.calibrated(samples, background)
     measure = MeasureSpots(background, spots, calibration, Area(end_mm=end_mm))
-    every = shown[: len(pictures)] if step == 1 else pictures.frames(range(len(pictures)))
+    every = (
+        shown[: len(pictures)] if step == 1 else pictures.frames(range(len(pictures)))
+    )
     table = measure.table(tqdm(every, "pictures", len(pictures), disable=None))
-    return PictureTracks(calibration, table, tracker_until(end_mm)(table, len(pictures)))
+    return PictureTracks(
+        calibration, table, tracker_until(end_mm)(table, len(pictures))
+    )
 
 
 def track_all(
-    pictures: Mapping[_Key, Pictures], jobs: int = 1, end_mm: float = PHASE_2016.start_mm
+    pictures: Mapping[_Key, Pictures],
+    jobs: int = 1,
+    end_mm: float = PHASE_2016.start_mm,
 ) -> dict[_Key, PictureTracks]:
     """Return `track_pictures` of several recordings by name, in ``jobs`` processes."""
     run = joblib.Parallel(n_jobs=jobs)
-    tracked = run(joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values())
+    tracked = run(
+        joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values()
+    )
     return dict(zip(pictures, tracked, strict=True))
 
 
-def noise_free(bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016) -> pd.DataFrame:
+def noise_free(
+    bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016
+) -> pd.DataFrame:
     """Return deviations of three approaches on exact positions (Figs 6a and 6c).
 
     Parameters
@@ -98,9 +126,9 @@ def noise_free(bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016) -> pd.
     Returns
     -------
     DataFrame
-        ``approach`` (Sim, Tracking, Straight), ``particle``; ``lateral_mm`` and ``temporal_ms`` as
-        in `deviations` (time NaN for Straight). Sim takes the velocity from the last three
-        positions, Tracking from the filter.
+        ``approach`` (Sim, Tracking, Straight), ``particle``; ``lateral_mm`` and
+        ``temporal_ms`` as in `deviations` (time NaN for Straight). Sim takes the
+        velocity from the last three positions, Tracking from the filter.
     """
     last, arrival, _ = phase.observe(bodies)
     frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
@@ -108,23 +136,27 @@ def noise_free(bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016) -> pd.
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
     states = {SIM: last, TRACKING: tracked, STRAIGHT: last}
     target = phase.target_mm
-    tables = [deviations(name, state, arrival, target) for name, state in states.items()]
+    tables = [
+        deviations(name, state, arrival, target) for name, state in states.items()
+    ]
     return pd.concat(tables, ignore_index=True)
 
 
 def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
     """Return the last states of tracks from pictures, with the particle of each.
 
-    Only valid tracks that enter the prediction phase are returned. ``bodies`` are the exact
-    `kilnflight.tables.BELT_TRACKS` at 1000 Hz; `match` takes those at the camera's 200 frames/s.
+    Only valid tracks that enter the prediction phase are returned. ``bodies`` are the
+    exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz; `match` takes those at the
+    camera's 200 frames/s.
 
     Returns
     -------
     DataFrame
-        `kilnflight.tables.BELT_LAST` with ``particle`` the track; ``row`` of its last spot in
-        ``pictured.spots``; ``truth``, the particle from `match` (-1: none).
+        `kilnflight.tables.BELT_LAST` with ``particle`` the track; ``row`` of its last
+        spot in ``pictured.spots``; ``truth``, the particle from `match` (-1: none).
     """
-    last, states = last_states(pictured.followed, BELT_FRAME_S), pictured.followed.states
+    last = last_states(pictured.followed, BELT_FRAME_S)
+    states = pictured.followed.states
     pairs = match(states[states["row"] >= 0], at_rate(bodies, 1 / BELT_FRAME_S))
     return last.assign(truth=last["particle"].map(pairs).fillna(-1).astype(np.int64))
 
@@ -134,16 +166,20 @@ def from_images(
 ) -> pd.DataFrame:
     """Return deviations of Tracking and Straight from pictures (Figs 6b and 6d).
 
-    The columns are those of `noise_free`; ``bodies`` are the exact `kilnflight.tables.BELT_TRACKS`.
-    The tracks must end where ``phase`` starts. Those without a particle are left out. Straight
-    keeps the last measured y, not the filtered.
+    The columns are those of `noise_free`; ``bodies`` are the exact
+    `kilnflight.tables.BELT_TRACKS`. The tracks must end where ``phase`` starts. Those
+    without a particle are left out. Straight keeps the last measured y, not the
+    filtered.
     """
-    arrival, target = phase.observe(bodies).arrival, phase.target_mm
+    arrival = phase.observe(bodies).arrival
+    target = phase.target_mm
     tracked = followed_particles(pictured, bodies)
     tracked = tracked.assign(particle=tracked["truth"])[tracked["truth"] >= 0]
     raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
     states = {TRACKING: tracked, STRAIGHT: raw}
-    tables = [deviations(name, state, arrival, target) for name, state in states.items()]
+    tables = [
+        deviations(name, state, arrival, target) for name, state in states.items()
+    ]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -154,14 +190,16 @@ def all_deviations(
 ) -> pd.DataFrame:
     """Return the deviations of all materials in one table (Fig. 6).
 
-    The first two arguments are by material. To the columns of `noise_free` come ``material`` and
-    ``data`` ("noise-free" or "images").
+    The first two arguments are by material. To the columns of `noise_free` come
+    ``material`` and ``data`` ("noise-free" or "images").
     """
     parts = {}
     for material, tracks in bodies.items():
         parts[material, "noise-free"] = noise_free(tracks, phase)
         parts[material, "images"] = from_images(pictured[material], tracks, phase)
-    return pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
+    return pd.concat(parts, names=["material", "data"]).reset_index(
+        ["material", "data"]
+    )
 
 
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
@@ -170,22 +208,25 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     Parameters
     ----------
     states, truth
-        ``frame``, ``particle``, ``x``, ``y`` (mm) of tracks and of particles. The frames of both
-        count at the same rate from the same moment.
+        ``frame``, ``particle``, ``x``, ``y`` (mm) of tracks and of particles. The
+        frames of both count at the same rate from the same moment.
 
     Notes
     -----
-    The least distance counts: "the euclidean norm of the euclidean distances between all
-    estimated positions and all corresponding ground truth positions". The paper leaves open how
-    to treat a particle that is absent in some frames of a track; here it is no candidate. A track
-    without a candidate is left out. Two tracks may match the same particle.
+    The least distance counts: "the euclidean norm of the euclidean distances between
+    all estimated positions and all corresponding ground truth positions". The paper
+    leaves open how to treat a particle that is absent in some frames of a track; here
+    it is no candidate. A track without a candidate is left out. Two tracks may match
+    the same particle.
     """
     names = ["frame", "particle", "x", "y"]
     table = states[names].merge(truth[names], on="frame", suffixes=("", "_true"))
     squares = (table["x"] - table["x_true"]) ** 2 + (table["y"] - table["y_true"]) ** 2
     by_pair = squares.groupby([table["particle"], table["particle_true"]])
     pairs = by_pair.agg(["size", "mean"]).reset_index()
-    pairs = pairs[pairs["size"] == pairs["particle"].map(states.groupby("particle").size())]
+    pairs = pairs[
+        pairs["size"] == pairs["particle"].map(states.groupby("particle").size())
+    ]
     pairs = pairs.loc[pairs.groupby("particle")["mean"].idxmin()]
     return pairs.set_index("particle")["particle_true"]
 
@@ -198,10 +239,11 @@ def deviations(
     Parameters
     ----------
     approach
-        Straight keeps the lateral position and predicts no time. Sim and Tracking have constant
-        velocity.
+        Straight keeps the lateral position and predicts no time. Sim and Tracking have
+        constant velocity.
     last
-        `kilnflight.tables.BELT_LAST` with the true ``particle``; one may have several rows.
+        `kilnflight.tables.BELT_LAST` with the true ``particle``; one may have several
+        rows.
     arrival
         `kilnflight.tables.BELT_ARRIVAL`; particles that did not arrive are left out.
     target_mm
@@ -210,35 +252,44 @@ def deviations(
     Returns
     -------
     DataFrame
-        A row per row of ``last``: ``approach``, ``particle``; ``lateral_mm`` and ``temporal_ms``,
-        prediction minus truth, so positive if the particle arrived earlier than predicted (Fig.
-        6). NaN if a particle does not move towards the edge.
+        A row per row of ``last``: ``approach``, ``particle``; ``lateral_mm`` and
+        ``temporal_ms``, prediction minus truth, so positive if the particle arrived
+        earlier than predicted (Fig. 6). NaN if a particle does not move towards the
+        edge.
     """
     last = BELT_LAST.check(last[last["particle"].isin(arrival["particle"])])
     truth = BELT_ARRIVAL.check(arrival).set_index("particle").loc[last["particle"]]
-    y, time = last["y"].to_numpy(), np.full(len(last), np.nan)
+    y = last["y"].to_numpy()
+    time = np.full(len(last), np.nan)
     if approach != STRAIGHT:
         moving = (last["velocity_x_mm_s"] > 0).to_numpy()
         time[moving] = CV()(last[moving], target_mm)
         y = LateralCV()(last, time - last["time_s"].to_numpy())
     columns = {"approach": approach, "particle": last["particle"].to_numpy()}
     columns["lateral_mm"] = y - truth["y"].to_numpy()
-    return pd.DataFrame(columns | {"temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy())})
+    return pd.DataFrame(
+        columns | {"temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy())}
+    )
 
 
 def rate_1000(end_mm: float) -> BeltTracker:
-    """Return the tracker for exact positions at 1000 Hz up to x = ``end_mm`` (section IV.A).
+    """Return the tracker for exact positions at 1000 Hz up to x = ``end_mm`` (section
+    IV.A).
 
-    Counts and lengths per frame are scaled, so that those per second equal the tracker's at 200
-    frames/s. A collision changes the velocity within a frame by up to 433 mm/s, the standard
-    deviation between particles. With exact positions this number affects the gate only.
+    Counts and lengths per frame are scaled, so that those per second equal the
+    tracker's at 200 frames/s. A collision changes the velocity within a frame by up to
+    433 mm/s, the standard deviation between particles. With exact positions this number
+    affects the gate only.
     """
-    appearance, names = Appearance(), ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
+    appearance = Appearance()
+    names = ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
     share = 1 / (TRUTH_HZ * BELT_FRAME_S)
     per_frame = {name: getattr(appearance, name) * share for name in names}
     motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
     area = Area(end_mm=end_mm)
-    return BeltTracker(motion, replace(appearance, area=area, **per_frame), frame_s=1 / TRUTH_HZ)
+    return BeltTracker(
+        motion, replace(appearance, area=area, **per_frame), frame_s=1 / TRUTH_HZ
+    )
 
 
 def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataFrame:
@@ -247,7 +298,8 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
     Parameters
     ----------
     table
-        ``lateral_mm``, ``temporal_ms`` and the columns ``groups``, from `all_deviations`.
+        ``lateral_mm``, ``temporal_ms`` and the columns ``groups``, from
+        `all_deviations`.
     groups
         Columns that stay apart.
     seed
@@ -256,11 +308,12 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
     Returns
     -------
     DataFrame
-        ``groups``, ``quantity`` (``lateral_mm`` or ``temporal_ms``, which is the unit of what
-        follows); the columns `kilnflight.belt.phase.SUMMARY`; ``absolute_q95``, below which 95 %
-        of the absolute deviations lie; ``mae_centred``, the mean absolute deviation from the mean;
-        ``_low`` and ``_high`` of ``median``, ``iqr`` and ``mae_centred`` (bootstrap over
-        particles). Quantities without a value have no row.
+        ``groups``, ``quantity`` (``lateral_mm`` or ``temporal_ms``, which is the unit
+        of what follows); the columns `kilnflight.belt.phase.SUMMARY`; ``absolute_q95``,
+        below which 95 % of the absolute deviations lie; ``mae_centred``, the mean
+        absolute deviation from the mean; ``_low`` and ``_high`` of ``median``, ``iqr``
+        and ``mae_centred`` (bootstrap over particles). Quantities without a value have
+        no row.
     """
     rows = []
     for key, part in table.groupby(list(groups), sort=False):
@@ -271,7 +324,9 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
             row = dict(zip(groups, key, strict=True)) | {"quantity": quantity}
             row |= summarise_deviations(part[quantity].to_numpy())
             row["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
-            drawn = np.random.default_rng(seed).integers(0, len(known), (_REPLICATES, len(known)))
+            drawn = np.random.default_rng(seed).integers(
+                0, len(known), (_REPLICATES, len(known))
+            )
             for name, values in _spreads(known[drawn]).items():
                 row[name] = float(_spreads(known)[name])
                 row[f"{name}_low"], row[f"{name}_high"] = percentiles(values)
@@ -282,8 +337,8 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
 def _spreads(values: Array) -> dict[str, Array]:
     """Return median, interquartile range and mean absolute deviation, (...,).
 
-    ``values`` are (..., n) without NaN, such as one row per draw of a bootstrap. The deviation is
-    from the mean.
+    ``values`` are (..., n) without NaN, such as one row per draw of a bootstrap. The
+    deviation is from the mean.
     """
     q25, median, q75 = np.quantile(values, [0.25, 0.5, 0.75], axis=-1)
     away = np.abs(values - values.mean(axis=-1, keepdims=True)).mean(axis=-1)

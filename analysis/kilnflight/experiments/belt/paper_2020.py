@@ -1,10 +1,12 @@
 """The models of the 2020 paper on tracks: input, deviations, differences beyond chance.
 
-tracks -> `PHASE.observe` -> `compare_models` -> `compare_orders` -> `holds`, a claim's answer
+tracks -> `PHASE.observe` -> `compare_models` -> `compare_orders` -> `holds`, a claim's
+answer
 
-The paper prints no numbers and names no measure. "Worst because of its bias" asks for the mean
-absolute error (MAE), the boxes of Figs 9 and 10 show the interquartile range (IQR). So an order of
-models holds if both measures show it beyond chance, and fails if both contradict it.
+The paper prints no numbers and names no measure. "Worst because of its bias" asks for
+the mean absolute error (MAE), the boxes of Figs 9 and 10 show the interquartile range
+(IQR). So an order of models holds if both measures show it beyond chance, and fails if
+both contradict it.
 """
 
 from __future__ import annotations
@@ -21,26 +23,42 @@ from scipy.interpolate import CubicSpline
 
 from kilnflight.arrays import Array
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
-from kilnflight.belt.phase import SUMMARY, Deviations, Observed, PredictionPhase, evaluate
+from kilnflight.belt.phase import (
+    SUMMARY,
+    Deviations,
+    Observed,
+    PredictionPhase,
+    evaluate,
+)
 from kilnflight.belt.recordings import read_dem
 from kilnflight.checks import InputError
 from kilnflight.publication import claims, data, style
 from kilnflight.simulated.belt.friction import MATERIALS
 from kilnflight.tables import BELT_TRACKS
 
-AUTHORS, OWN = "authors-dem", "own-simulation"  # sources of tracks
+AUTHORS = "authors-dem"
+OWN = "own-simulation"  # sources of tracks
 INPUT = {
     AUTHORS: "**Input**: the authors' simulated (DEM) tracks at 100 Hz."
 }  # a page's first line
-INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not here (`make data`)."
+INPUT[OWN] = (
+    "**Own simulation**, a friction model: the authors' tracks are not here "
+    "(`make data`)."
+)
 DATA_SETS = tuple(MATERIALS)
 CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
-PARTICLES = {"quick": 1000}  # of each material, the first to enter, by scale; otherwise all
-_CALIBRATIONS = 20  # draws of calibration particles, shared by the replicates of a bootstrap
+PARTICLES = {
+    "quick": 1000
+}  # of each material, the first to enter, by scale; otherwise all
+_CALIBRATIONS = (
+    20  # draws of calibration particles, shared by the replicates of a bootstrap
+)
 PHASE = PredictionPhase()
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
-UNITS = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")  # columns in ms or mm
+UNITS = re.compile(
+    "(median|q25|q75|iqr|mae|whisker|excess)(_|$)"
+)  # columns in ms or mm
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
 # Id of a claim, models that should deviate less, models that should deviate more.
@@ -64,7 +82,9 @@ def find_dem() -> dict[str, Path]:
     there = {name: path for name, path in files.items() if path is not None}
     if there and len(there) < len(files):
         missing = ", ".join(sorted(set(files) - set(there)))
-        raise InputError(f"the authors' DEM tracks of {missing} are missing; run make data.")
+        raise InputError(
+            f"the authors' DEM tracks of {missing} are missing; run make data."
+        )
     return there
 
 
@@ -90,7 +110,11 @@ def load_tracks(
     """
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
-        table = read_dem(files[name]) if files else friction(np.random.default_rng([seed, number]))
+        table = (
+            read_dem(files[name])
+            if files
+            else friction(np.random.default_rng([seed, number]))
+        )
         if particles is not None:
             table = first_to_enter(table, particles)
         tracks[name] = table
@@ -100,27 +124,31 @@ def load_tracks(
 def first_to_enter(tracks: pd.DataFrame, particles: int) -> pd.DataFrame:
     """Return the tracks of the first ``particles`` that enter, of one material."""
     entered = tracks.groupby("particle")["frame"].min().sort_values(kind="stable")
-    return tracks[tracks["particle"].isin(entered.index[:particles])].reset_index(drop=True)
+    return tracks[tracks["particle"].isin(entered.index[:particles])].reset_index(
+        drop=True
+    )
 
 
 def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
     """Return tracks at another sampling rate, by a cubic spline per particle.
 
-    The authors evaluated at 1000 Hz and published their tracks at 100 Hz. The camera of the 2016
-    paper needs 200 frames/s. A spline adds no motion between the published positions.
+    The authors evaluated at 1000 Hz and published their tracks at 100 Hz. The camera of
+    the 2016 paper needs 200 frames/s. A spline adds no motion between the published
+    positions.
 
     Parameters
     ----------
     tracks
-        `kilnflight.tables.BELT_TRACKS` without gaps, which would be interpolated; at least two
-        positions per particle.
+        `kilnflight.tables.BELT_TRACKS` without gaps, which would be interpolated; at
+        least two positions per particle.
     rate_hz
         Frames per second of the result; frame 0 is at 0 s.
 
     Returns
     -------
     DataFrame
-        `kilnflight.tables.BELT_TRACKS`, each particle from its first to its last position.
+        `kilnflight.tables.BELT_TRACKS`, each particle from its first to its last
+        position.
     """
     table = tracks.sort_values(["particle", "frame"], kind="stable")
     columns = table[["time_s", "x", "y"]].to_numpy(np.float64)
@@ -128,7 +156,8 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
     parts = []
     for particle, part in zip(particles, np.split(columns, starts[1:]), strict=True):
         time = part[:, 0]
-        first, last = np.ceil(time[0] * rate_hz - 1e-6), np.floor(time[-1] * rate_hz + 1e-6)
+        first = np.ceil(time[0] * rate_hz - 1e-6)
+        last = np.floor(time[-1] * rate_hz + 1e-6)
         frame = np.arange(first, last + 1)
         places = CubicSpline(time, part[:, 1:])(frame / rate_hz)
         parts.append(np.column_stack([frame, np.full(len(frame), particle), places]))
@@ -145,8 +174,8 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     tracks
-        `kilnflight.tables.BELT_TRACKS`. Index labels must be unique, since columns are joined by
-        them.
+        `kilnflight.tables.BELT_TRACKS`. Index labels must be unique, since columns are
+        joined by them.
 
     Returns
     -------
@@ -157,7 +186,9 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     table = tracks.sort_values(["particle", "frame"], kind="stable")
     step = table.diff()
     velocity = step[["x", "y"]].div(step["time_s"], axis=0).add_prefix("velocity_")
-    middle = pd.DataFrame({"particle": table["particle"], "x": table["x"] - step["x"] / 2})
+    middle = pd.DataFrame(
+        {"particle": table["particle"], "x": table["x"] - step["x"] / 2}
+    )
     steps = middle.join(velocity.add_suffix("_mm_s"))
     return steps[(step["particle"] == 0) & (step["frame"] == 1)].reset_index(drop=True)
 
@@ -165,9 +196,9 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
 def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
     """Return velocities (particles, places) in mm/s at places along the belt.
 
-    ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at ``x_mm`` (places,),
-    NaN outside a particle's positions (section 4.1). The x of a particle must ascend. The mean over
-    particles is the curve of Fig. 7.
+    ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at
+    ``x_mm`` (places,), NaN outside a particle's positions (section 4.1). The x of a
+    particle must ascend. The mean over particles is the curve of Fig. 7.
     """
     rows = [
         np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
@@ -177,7 +208,11 @@ def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
 
 
 def compare_models(
-    observed: Sets, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
+    observed: Sets,
+    phase: PredictionPhase,
+    deviations: Deviations,
+    draws: int,
+    seed: int,
 ) -> pd.DataFrame:
     """Return the deviations of all models, one row per data set and model.
 
@@ -197,14 +232,17 @@ def compare_models(
     Returns
     -------
     DataFrame
-        ``data_set``, ``model`` and `kilnflight.belt.phase.SUMMARY` in ms or mm, medians over the
-        draws. 95 % of the draws lie between ``iqr_low`` and ``iqr_high``, ``mae_low`` and
-        ``mae_high``.
+        ``data_set``, ``model`` and `kilnflight.belt.phase.SUMMARY` in ms or mm, medians
+        over the draws. 95 % of the draws lie between ``iqr_low`` and ``iqr_high``,
+        ``mae_low`` and ``mae_high``.
     """
     parts = {
-        name: evaluate(part, phase, deviations, draws, seed) for name, part in observed.items()
+        name: evaluate(part, phase, deviations, draws, seed)
+        for name, part in observed.items()
     }
-    grouped = pd.concat(parts, names=["data_set"]).groupby(["data_set", "model"], sort=False)
+    grouped = pd.concat(parts, names=["data_set"]).groupby(
+        ["data_set", "model"], sort=False
+    )
     table = grouped[SUMMARY].median().astype({"n": int, "unpredicted": int})
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
@@ -212,13 +250,15 @@ def compare_models(
 
 
 def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
-    """Return the share in percent that CA predicts to be faster than the belt, by data set.
+    """Return the share in percent that CA predicts to be faster than the belt, by data
+    set.
 
     At the last observation or at the target of ``phase`` (Eq. 5).
     """
     shares = {}
     for name, each in observed.items():
-        speed, gain = each.last["velocity_x_mm_s"], each.last["acceleration_x_mm_s2"]
+        speed = each.last["velocity_x_mm_s"]
+        gain = each.last["acceleration_x_mm_s2"]
         square = speed**2 + 2 * gain * (phase.target_mm - each.last["x"])
         fastest = np.maximum(speed, np.sqrt(square.clip(lower=0.0)))
         shares[name] = 100 * (fastest > BELT_VELOCITY_MM_S).mean()
@@ -227,7 +267,9 @@ def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
     """Return a table with ``unit`` (ms or mm) added to names that match `UNITS`."""
-    return table.rename(columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name)
+    return table.rename(
+        columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name
+    )
 
 
 def compare_orders(
@@ -240,56 +282,70 @@ def compare_orders(
 ) -> pd.DataFrame:
     """Return by how much models deviate more than others, with 95 % intervals.
 
-    Intervals are over particles (bootstrap). `holds` reads the answers to the 2020 paper's claims
-    from this table.
+    Intervals are over particles (bootstrap). `holds` reads the answers to the 2020
+    paper's claims from this table.
 
     Parameters
     ----------
     observed, phase, deviations, seed
         As in `compare_models`.
     orders
-        By data set: id of a claim, models that should deviate less, models that should deviate
-        more.
+        By data set: id of a claim, models that should deviate less, models that should
+        deviate more.
     scale
         "quick", "standard" or "full"; sets `CALIBRATION_DRAWS` and `REPLICATES`.
 
     Returns
     -------
     DataFrame
-        One row per order and measure: ``id``, ``data_set``, ``measure`` (MAE or IQR), ``lower``
-        and ``higher`` (names of models, joined by spaces); ``excess``, the smallest deviation of
-        ``higher`` minus the largest of ``lower`` in ms or mm, with its ends ``excess_low`` and
-        ``excess_high``.
+        One row per order and measure: ``id``, ``data_set``, ``measure`` (MAE or IQR),
+        ``lower`` and ``higher`` (names of models, joined by spaces); ``excess``, the
+        smallest deviation of ``higher`` minus the largest of ``lower`` in ms or mm,
+        with its ends ``excess_low`` and ``excess_high``.
     """
-    rows, draws = [], min(CALIBRATION_DRAWS[scale], _CALIBRATIONS)
+    rows = []
+    draws = min(CALIBRATION_DRAWS[scale], _CALIBRATIONS)
     for data_set, part in observed.items():
         table = compare_models({data_set: part}, phase, deviations, draws, seed)
         samples = bootstrap(part, phase, deviations, REPLICATES[scale], seed)
-        for (claim, *models), (measure, column) in product(orders[data_set], _MEASURES.items()):
+        for (claim, *models), (measure, column) in product(
+            orders[data_set], _MEASURES.items()
+        ):
             lower, higher = map(list, models)
             both = table.set_index("model")[[column]].T, samples[measure]
-            found, sample = (each[higher].min(axis=1) - each[lower].max(axis=1) for each in both)
+            found, sample = (
+                each[higher].min(axis=1) - each[lower].max(axis=1) for each in both
+            )
             names = claim, data_set, measure, " ".join(lower), " ".join(higher)
-            rows.append((*names, found.item(), *sample.quantile([0.025, 0.975]).round(12)))
+            rows.append(
+                (*names, found.item(), *sample.quantile([0.025, 0.975]).round(12))
+            )
     columns = ["id", "data_set", "measure", "lower", "higher"]
     return pd.DataFrame(rows, columns=[*columns, "excess", "excess_low", "excess_high"])
 
 
 def bootstrap(
-    observed: Observed, phase: PredictionPhase, deviations: Deviations, replicates: int, seed: int
+    observed: Observed,
+    phase: PredictionPhase,
+    deviations: Deviations,
+    replicates: int,
+    seed: int,
 ) -> dict[str, pd.DataFrame]:
     """Return MAE and IQR of all models in bootstrap replicates over particles.
 
-    Models are calibrated with 1 % of the particles (section 5), in up to `_CALIBRATIONS` draws.
-    Each replicate takes one calibration and draws the other particles with replacement. They are
-    the same for all models, so differences between models are paired.
+    Models are calibrated with 1 % of the particles (section 5), in up to
+    `_CALIBRATIONS` draws. Each replicate takes one calibration and draws the other
+    particles with replacement. They are the same for all models, so differences between
+    models are paired.
 
     Returns
     -------
     dict
-        "MAE" and "IQR": (replicates, models) in the unit of ``deviations``, a column per model.
+        "MAE" and "IQR": (replicates, models) in the unit of ``deviations``, a column
+        per model.
     """
-    generator, count = np.random.default_rng(seed), len(observed.last)
+    generator = np.random.default_rng(seed)
+    count = len(observed.last)
     draws = []
     for _ in range(min(_CALIBRATIONS, replicates)):
         calibration = np.zeros(count, dtype=bool)
@@ -298,9 +354,14 @@ def bootstrap(
     samples = []
     for replicate in range(replicates):
         values = np.column_stack(list(draws[replicate % len(draws)].values()))
-        samples.append(_measures(values[generator.integers(0, len(values), len(values))]))
+        samples.append(
+            _measures(values[generator.integers(0, len(values), len(values))])
+        )
     by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
-    return {name: pd.DataFrame(values, columns=list(draws[0])) for name, values in by_measure}
+    return {
+        name: pd.DataFrame(values, columns=list(draws[0]))
+        for name, values in by_measure
+    }
 
 
 def _measures(values: Array) -> Array:
@@ -311,7 +372,9 @@ def _measures(values: Array) -> Array:
     return np.stack([np.nanmean(np.abs(values), axis=0), spread])
 
 
-def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -> list[bool | None]:
+def holds(
+    pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")
+) -> list[bool | None]:
     """Return whether each order of a claim holds, one answer per data set and order.
 
     Parameters
@@ -326,19 +389,26 @@ def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -
     Returns
     -------
     list
-        True if the 95 % intervals of all measures lie above 0, False if all lie below 0, else
-        None.
+        True if the 95 % intervals of all measures lie above 0, False if all lie below
+        0, else None.
     """
     chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
     answers = []
     for _, part in chosen.groupby(["data_set", "lower", "higher"], sort=False):
-        each = {claims.beyond(*ends) for ends in part[["excess_low", "excess_high"]].to_numpy()}
+        each = {
+            claims.beyond(*ends)
+            for ends in part[["excess_low", "excess_high"]].to_numpy()
+        }
         answers.append(each.pop() if len(each) == 1 else None)
     return answers
 
 
 def draw_deviations(
-    summaries: pd.DataFrame, rows: str, labels: Mapping[str, str], height_mm: float, rotation: float
+    summaries: pd.DataFrame,
+    rows: str,
+    labels: Mapping[str, str],
+    height_mm: float,
+    rotation: float,
 ) -> Figure:
     """Draw box plots of deviations by model, after Figs 9 and 10 of the 2020 paper.
 
@@ -347,7 +417,8 @@ def draw_deviations(
     summaries
         From `compare_models`, with the column ``rows``; a box per row.
     rows
-        Column whose values are the rows of panels; ``data_set`` gives the columns of panels.
+        Column whose values are the rows of panels; ``data_set`` gives the columns of
+        panels.
     labels
         Label of the vertical axis by value of that column.
     height_mm
@@ -355,11 +426,14 @@ def draw_deviations(
     rotation
         Angle of the models' names in degrees.
     """
-    sets, size = summaries["data_set"].unique(), {"width_mm": style.PAGE_MM, "height_mm": height_mm}
+    sets = summaries["data_set"].unique()
+    size = {"width_mm": style.PAGE_MM, "height_mm": height_mm}
     picture, grid = style.canvas(len(labels), len(sets), **size)
     for panels, (row, label) in zip(grid, labels.items(), strict=True):
         for axes, data_set in zip(panels, sets, strict=True):
-            chosen = summaries[(summaries[rows] == row) & (summaries["data_set"] == data_set)]
+            chosen = summaries[
+                (summaries[rows] == row) & (summaries["data_set"] == data_set)
+            ]
             axes.axhline(0, color="0.6", lw=0.6, ls="-")
             style.draw_boxes(axes, chosen)
             axes.set_xticks(range(len(chosen)), chosen["model"], rotation=rotation)

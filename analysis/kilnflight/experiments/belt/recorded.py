@@ -1,4 +1,6 @@
-"""Recordings of a real belt: joined into one table, and their links compared with the authors'."""
+"""Recordings of a real belt: joined into one table, and their links compared with the
+authors'.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,18 @@ PAUSE = 100  # frames between joined recordings, more than between two particles
 def find_recordings() -> dict[str, list[Path]]:
     """Return the files of measured positions by material, empty if there are none.
 
-    The folder is ``KILNFLIGHT_RECORDINGS``, else ``belt_recordings`` beside the authors' other
-    data. Files in the latter must be the published ones (SHA-256), as ``make data`` puts them.
+    The folder is ``KILNFLIGHT_RECORDINGS``, else ``belt_recordings`` beside the
+    authors' other data. Files in the latter must be the published ones (SHA-256), as
+    ``make data`` puts them.
 
     Raises
     ------
     InputError
-        If the folder of the variable has none, or a file beside the authors' other data is not the
-        published one.
+        If the folder of the variable has none, or a file beside the authors' other data
+        is not the published one.
     """
-    folder, published = paths.recordings(), paths.external() / data.RECORDINGS_FOLDER
+    folder = paths.recordings()
+    published = paths.external() / data.RECORDINGS_FOLDER
     files = list_recordings(folder)
     if folder != published and not files:
         raise InputError(f"KILNFLIGHT_RECORDINGS is {folder}, which has no recording.")
@@ -57,7 +61,9 @@ def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:
     InputError
         If there is no recording.
     """
-    parts, frame, track = [], 0, 0
+    parts = []
+    frame = 0
+    track = 0
     for table in recordings:
         parts.append(_shifted(table, frame=frame, author_track=track))
         frame += PAUSE + _greatest(table["frame"], 0)
@@ -70,22 +76,31 @@ def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:
 def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
     """Join the tracks of several recordings to match `join_recordings`.
 
-    ``parts`` holds measurements and tracks of each recording, in the order of `join_recordings`.
-    Frames and rows refer to its table, so both functions must shift frames equally.
+    ``parts`` holds measurements and tracks of each recording, in the order of
+    `join_recordings`. Frames and rows refer to its table, so both functions must shift
+    frames equally.
     """
-    states, ends, frame, row, track = [], [], 0, 0, 0
+    states = []
+    ends = []
+    frame = 0
+    row = 0
+    track = 0
     for measured, followed in parts:
         states.append(_shifted(followed.states, frame=frame, particle=track, row=row))
         ends.append(_shifted(followed.ends, frame=frame, particle=track))
         frame += PAUSE + _greatest(measured["frame"], 0)
         row += len(measured)
         track += 1 + _greatest(followed.ends["particle"], -1)
-    return Followed(pd.concat(states, ignore_index=True), pd.concat(ends, ignore_index=True))
+    return Followed(
+        pd.concat(states, ignore_index=True), pd.concat(ends, ignore_index=True)
+    )
 
 
 def _shifted(table: pd.DataFrame, **offsets: int) -> pd.DataFrame:
     """Return a table with an offset added to each named column; -1 (none) stays."""
-    moved = {name: table[name] + by * (table[name] >= 0) for name, by in offsets.items()}
+    moved = {
+        name: table[name] + by * (table[name] >= 0) for name, by in offsets.items()
+    }
     return table.assign(**moved)
 
 
@@ -96,10 +111,11 @@ def _greatest(numbers: pd.Series, if_none: int) -> int:
 def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
     """Return the links of tracks: pairs (links, 2) of row numbers, earlier and later.
 
-    ``column`` of ``table`` holds each measurement's track (-1: none); rows are ordered by
-    ``frame``.
+    ``column`` of ``table`` holds each measurement's track (-1: none); rows are ordered
+    by ``frame``.
     """
-    track, frame = table[column].to_numpy(), table["frame"].to_numpy()
+    track = table[column].to_numpy()
+    frame = table["frame"].to_numpy()
     order = np.lexsort((frame, track))
     same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
     return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
@@ -120,9 +136,9 @@ def compare_links(measured: pd.DataFrame, followed: Followed) -> dict[str, float
     Returns
     -------
     dict
-        Numbers ``links_authors``, ``links_tracker``; ``recall_percent``: share of the authors'
-        links that the tracker found; ``agreed_percent``: share of the tracker's links that the
-        authors have.
+        Numbers ``links_authors``, ``links_tracker``; ``recall_percent``: share of the
+        authors' links that the tracker found; ``agreed_percent``: share of the
+        tracker's links that the authors have.
     """
     states = followed.states[followed.states["row"] >= 0]
     track = pd.Series(states["particle"].to_numpy(), states["row"])

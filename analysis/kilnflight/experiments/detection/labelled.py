@@ -1,6 +1,7 @@
 """Detection of particles on labelled frames, scored as in section 3.3 of the thesis.
 
-labelled frames -> views x methods (section 5.1.3) -> one row per frame and method -> sums, rates
+labelled frames -> views x methods (section 5.1.3) -> one row per frame and method ->
+sums, rates
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ from kilnflight.simulated.kiln.feeding import LABELLED
 
 COUNTS = ("tp", "fp", "fn")
 WARM_UP_POINTS = 2000  # points of the untimed first call
-# Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
+# Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of
+# 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
 # Subsets by scale; the text of section 5.1.3 speaks most of V1 and V4.
 SUBSETS: dict[str, tuple[str, ...]] = {
@@ -57,23 +59,26 @@ SUBSETS: dict[str, tuple[str, ...]] = {
     "standard": ("V1", "V4", "V5"),
     "full": tuple(scenes.SUBSETS),
 }
-# The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
+# The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render
+# few.
 WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
-# Thresholds of DoG that are tried, in grey values: two per octave, from a tenth of the thesis's to
-# six times it. The exposure of the thesis is not known.
+# Thresholds of DoG that are tried, in grey values: two per octave, from a tenth of the
+# thesis's to six times it. The exposure of the thesis is not known.
 THRESHOLDS = tuple(round(50 * 2 ** (k / 2)) for k in range(13))
-MOST_NEIGHBORS = 35  # K of QCC's first pass; no method of Table 5.11 has more on a whole cloud
+MOST_NEIGHBORS = (
+    35  # K of QCC's first pass; no method of Table 5.11 has more on a whole cloud
+)
 Passes = tuple[Clusterer, ...]
-# First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15 points in
-# 70 mm would be more precise than the printed first pass (Table 5.8).
+# First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15
+# points in 70 mm would be more precise than the printed first pass (Table 5.8).
 PASSES: dict[str, Passes] = {
     "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(MOST_NEIGHBORS, 0.1), QuasiClusterCenters(20, 0.2)),
 }
-# r of Eq. 2.28 is "user-defined" (section 2.2.3): SIFT's total row of Table 5.6 identifies it
-# (sift_row.csv)
+# r of Eq. 2.28 is "user-defined" (section 2.2.3): SIFT's total row of Table 5.6
+# identifies it (sift_row.csv)
 EDGE = 40.0
 Method = Callable[[View], Array]  # -> (n, 2 or more): row, col in px first
 
@@ -95,10 +100,16 @@ class Subset(NamedTuple):
     name: str
     recording: Recording
     frames: tuple[int, ...]
-    particles: pd.DataFrame  # frame, particle, row, col, label; inside the region of interest
-    instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle; -1: none
+    particles: (
+        pd.DataFrame
+    )  # frame, particle, row, col, label; inside the region of interest
+    instances: Callable[
+        [int], npt.NDArray[np.integer]
+    ]  # frame -> (rows, cols) particle; -1: none
     background: BackgroundModel
-    cache: dict[int, View]  # by frame, with this background; 30 MB each, from up to 150 frames
+    cache: dict[
+        int, View
+    ]  # by frame, with this background; 30 MB each, from up to 150 frames
 
 
 def labelled_subsets(
@@ -119,11 +130,13 @@ def labelled_subsets(
     """
     if not 0 <= frames <= (most := len(LABELLED)):
         raise InputError(f"labelled_subsets: frames={frames}, but {most} are labelled.")
-    count, subsets = frames or FRAMES[scale], []
+    count = frames or FRAMES[scale]
+    subsets = []
     labelled = tuple(LABELLED[(most - count + 1) // 2 :][:count])
     for name in SUBSETS[scale]:
         twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
-        marked, instances = truth.marked(twin, labelled), partial(truth.instances, twin)
+        marked = truth.marked(twin, labelled)
+        instances = partial(truth.instances, twin)
         known = twin.scene.name, twin, labelled, marked, instances
         subsets.append(Subset(*known, BACKGROUNDS[scale], {}))
     return subsets
@@ -139,7 +152,9 @@ def subset_views(
     if background not in (None, subset.background):
         return chain.views(subset.recording, subset.frames, background)
     if any(t not in subset.cache for t in subset.frames):
-        subset.cache.update(chain.views(subset.recording, subset.frames, subset.background))
+        subset.cache.update(
+            chain.views(subset.recording, subset.frames, subset.background)
+        )
     return ((t, subset.cache[t]) for t in subset.frames)
 
 
@@ -162,20 +177,29 @@ def run(
     Returns
     -------
     DataFrame
-        One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``, ``fn``
-        with a scoring distance of 45 px (section 3.3); ``tp_near`` ... within 22.5 px, which
-        reads the 45 px as a diameter; ``tp_pixels`` ... within the pixels of a particle (5.1.1);
-        ``tp_2``, ``fn_2`` ... with 45 px by class of Table 5.1 (2, 3, 4); ``seconds`` of one
-        call, without compilation.
+        One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``,
+        ``fn`` with a scoring distance of 45 px (section 3.3); ``tp_near`` ... within
+        22.5 px, which reads the 45 px as a diameter; ``tp_pixels`` ... within the
+        pixels of a particle (5.1.1); ``tp_2``, ``fn_2`` ... with 45 px by class of
+        Table 5.1 (2, 3, 4); ``seconds`` of one call, without compilation.
     """
     rows: list[dict[str, Any]] = []
     for subset in subsets:
         views = subset_views(subset, background)
-        bar = tqdm(views, desc=subset.name, total=len(subset.frames), unit="frame", disable=None)
+        bar = tqdm(
+            views,
+            desc=subset.name,
+            total=len(subset.frames),
+            unit="frame",
+            disable=None,
+        )
         for t, view in bar:
             if not rows:
-                pixels, xyz = view.pixels[:WARM_UP_POINTS], view.xyz[:WARM_UP_POINTS]
-                few = view._replace(pixels=pixels, xyz=xyz)  # one for all, as they share steps
+                pixels = view.pixels[:WARM_UP_POINTS]
+                xyz = view.xyz[:WARM_UP_POINTS]
+                few = view._replace(
+                    pixels=pixels, xyz=xyz
+                )  # one for all, as they share steps
                 for method in methods.values():
                     method(few)
             rows += _frame_rows(subset, t, view, methods)
@@ -190,9 +214,13 @@ def _frame_rows(
     Only the method itself is timed. The truth is the marked particles of the frame.
     """
     particles = subset.particles[subset.particles["frame"] == t]
-    place, label = particles[["row", "col"]].to_numpy(), particles["label"].to_numpy()
-    image, roi = subset.instances(t), subset.recording.attributes.roi  # most pixels: no particle
-    visible = particles["particle"][particles["particle"].isin(np.unique(image[image >= 0]))]
+    place = particles[["row", "col"]].to_numpy()
+    label = particles["label"].to_numpy()
+    image = subset.instances(t)
+    roi = subset.recording.attributes.roi  # most pixels: no particle
+    visible = particles["particle"][
+        particles["particle"].isin(np.unique(image[image >= 0]))
+    ]
     centroids = particle_centroids(image, visible.to_numpy())
     rows = []
     for name, method in methods.items():
@@ -223,16 +251,20 @@ def from_foreground(detector: Detector2D, largest_px: float = LARGEST_PX) -> Met
     return lambda view: no_larger(detector(view.foreground), largest_px)
 
 
-def from_thresholds(thresholds: Sequence[float], rule: Combination = OURS) -> dict[float, Method]:
+def from_thresholds(
+    thresholds: Sequence[float], rule: Combination = OURS
+) -> dict[float, Method]:
     """Return DoG as a method by threshold in grey values, with one call for all.
 
-    DoG runs with the smallest threshold and grades its keypoints. For a larger threshold, those
-    of a lower grade are dropped. The methods share that call, so their times mean nothing. Edge
-    and largest keypoint are those of ``rule``.
+    DoG runs with the smallest threshold and grades its keypoints. For a larger
+    threshold, those of a lower grade are dropped. The methods share that call, so their
+    times mean nothing. Edge and largest keypoint are those of ``rule``.
     """
     sift: Any = rule.detector
     lowest = replace(sift, threshold=float(min(thresholds)))
-    graded = remembered(lambda view: no_larger(lowest.graded(view.foreground), rule.largest_px))
+    graded = remembered(
+        lambda view: no_larger(lowest.graded(view.foreground), rule.largest_px)
+    )
 
     def above(threshold: float, view: View) -> Array:
         particles = graded(view)
@@ -253,7 +285,8 @@ def table_5_11_methods(
     rule
         Combination of SIFT; the others have the same rules.
     roi
-        Region of interest of the combinations: corners (row, col); None: the whole frame.
+        Region of interest of the combinations: corners (row, col); None: the whole
+        frame.
     known
         Clusters that are found are kept here, for other rules on the same recording.
     """
@@ -269,7 +302,9 @@ def table_5_11_methods(
         if key not in known:
             first, *second = passes
             wall = partial(first_pass, first)
-            known[key] = second_pass(view.xyz, wall, *second) if second else wall(view.xyz)
+            known[key] = (
+                second_pass(view.xyz, wall, *second) if second else wall(view.xyz)
+            )
         return known[key]
 
     def alone(clusterer: Clusterer, view: View) -> Array:
@@ -281,9 +316,12 @@ def table_5_11_methods(
 
     detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": rule.detector}
     keypoints = {
-        name: remembered(from_foreground(each, rule.largest_px)) for name, each in detectors.items()
+        name: remembered(from_foreground(each, rule.largest_px))
+        for name, each in detectors.items()
     }
-    methods: dict[str, Method] = {f"2D-{name}": each for name, each in keypoints.items()}
+    methods: dict[str, Method] = {
+        f"2D-{name}": each for name, each in keypoints.items()
+    }
     methods["3D-DBSCAN Clustering"] = partial(alone, DBSCAN(eps=50.0, min_points=10))
     methods["3D-MO-based Clustering"] = partial(alone, MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = partial(alone, QuasiClusterCenters(30, 0.1))
@@ -296,8 +334,8 @@ def table_5_11_methods(
 def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Return a function that keeps the result for its last argument.
 
-    The argument is compared by identity. Methods that are called in turn on one view or cloud share
-    its result, such as clusters or neighbours.
+    The argument is compared by identity. Methods that are called in turn on one view or
+    cloud share its result, such as clusters or neighbours.
     """
     last: list[Any] = [None, None]
 
@@ -312,18 +350,21 @@ def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 def wall_points(recording: Recording, frame: int) -> Array:
     """Return the points (n, 3) on the wall in mm, to fit the cylinder (Table 5.12).
 
-    These are the largest cluster of DBSCAN's first pass in one frame, after depth calibration.
+    These are the largest cluster of DBSCAN's first pass in one frame, after depth
+    calibration.
     """
     points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 
 
-def compare_thresholds(subsets: list[Subset], scale: str, rule: Combination = OURS) -> pd.DataFrame:
+def compare_thresholds(
+    subsets: list[Subset], scale: str, rule: Combination = OURS
+) -> pd.DataFrame:
     """Return the counts of DoG by threshold, on two or more subsets.
 
-    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7). ``rule`` is as in
-    `from_thresholds`; the table is that of `mark_chosen`.
+    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7).
+    ``rule`` is as in `from_thresholds`; the table is that of `mark_chosen`.
     """
     methods = from_thresholds(tried_thresholds(scale), rule)
     return mark_chosen(run(subsets, methods))
@@ -335,16 +376,21 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``threshold`` (grey values) is in place of ``method``. ``chosen`` marks a subset's threshold
-        with the best F1 on the *other* subsets (section 5.1.3); ties go to the highest, with the
-        fewest false detections in frames without labels. ``seconds`` are NaN, since one call
-        serves all thresholds.
+        ``threshold`` (grey values) is in place of ``method``. ``chosen`` marks a
+        subset's threshold with the best F1 on the *other* subsets (section 5.1.3); ties
+        go to the highest, with the fewest false detections in frames without labels.
+        ``seconds`` are NaN, since one call serves all thresholds.
     """
-    table, best = table.rename(columns={"method": "threshold"}), {}
+    table = table.rename(columns={"method": "threshold"})
+    best = {}
     for subset in table["subset"].unique():
-        others = sum_counts(table[table["subset"] != subset], ["threshold"]).set_index("threshold")
+        others = sum_counts(table[table["subset"] != subset], ["threshold"]).set_index(
+            "threshold"
+        )
         best[subset] = others["f1"][::-1].idxmax()
-    return table.assign(seconds=np.nan, chosen=table["threshold"] == table["subset"].map(best))
+    return table.assign(
+        seconds=np.nan, chosen=table["threshold"] == table["subset"].map(best)
+    )
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:
@@ -357,7 +403,11 @@ def tried_thresholds(scale: str) -> tuple[int, ...]:
 
 def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
     """Return the chosen threshold (grey values) by subset, from `compare_thresholds`."""
-    return table[table["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
+    return (
+        table[table["chosen"]]
+        .drop_duplicates("subset")
+        .set_index("subset")["threshold"]
+    )
 
 
 def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -374,8 +424,8 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     -------
     DataFrame
         ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1`` with 45 px;
-        ``seconds_per_image``, a median that one delayed frame does not move; ``f1_in_pixels``,
-        scored within the pixels of a particle.
+        ``seconds_per_image``, a median that one delayed frame does not move;
+        ``f1_in_pixels``, scored within the pixels of a particle.
     """
     groups = table.groupby(by, sort=False)
     counts = groups[list(COUNTS)].sum().reset_index()
@@ -392,8 +442,8 @@ def positions(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return marked particles and detections with their distance from the axis.
 
-    Fig. 3.11 shows these distances. The threshold between air and wall follows from them, and
-    Tables 5.13 and 5.14 test it.
+    Fig. 3.11 shows these distances. The threshold between air and wall follows from
+    them, and Tables 5.13 and 5.14 test it.
 
     Parameters
     ----------
@@ -407,14 +457,16 @@ def positions(
     Returns
     -------
     marked : DataFrame
-        A row per marked particle and frame: ``subset``, ``frame``, ``particle``, ``row``, ``col``,
-        ``label`` (class of Table 5.1; 4: on the wall); ``x``, ``y``, ``z`` in mm, the mean of the
-        points in its pixels; ``distance_mm`` from the axis. The last four are NaN without a point
-        ("no 3D", section 5.1.1).
+        A row per marked particle and frame: ``subset``, ``frame``, ``particle``,
+        ``row``, ``col``, ``label`` (class of Table 5.1; 4: on the wall); ``x``, ``y``,
+        ``z`` in mm, the mean of the points in its pixels; ``distance_mm`` from the
+        axis. The last four are NaN without a point ("no 3D", section 5.1.1).
     detected : DataFrame
-        `kilnflight.tables.DETECTIONS` with ``subset`` and ``distance_mm`` (NaN without depth).
+        `kilnflight.tables.DETECTIONS` with ``subset`` and ``distance_mm`` (NaN without
+        depth).
     """
-    marked, detected = [], []
+    marked = []
+    detected = []
     for subset in subsets:
         columns = subset.particles[["frame", "particle", "row", "col", "label"]]
         for t, view in subset_views(subset):
@@ -422,7 +474,9 @@ def positions(
             shown = subset.instances(t)[view.pixels[:, 0], view.pixels[:, 1]]
             means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
             marked.append(particles.join(means, on="particle"))
-            detections = detectors[subset.name](view, subset.recording.attributes.roi, t)
+            detections = detectors[subset.name](
+                view, subset.recording.attributes.roi, t
+            )
             detected.append(detections.assign(subset=subset.name))
     both = pd.concat(marked, ignore_index=True), pd.concat(detected, ignore_index=True)
     for table in both:

@@ -1,10 +1,11 @@
 """The fit of the simulation's light to what the thesis prints of brightness and size.
 
-``python -m kilnflight.experiments.detection.light_fit`` fits for some ten minutes, prints the
-inputs, and compares them with the thesis for three seeds. `kilnflight.simulated.kiln.light.Optics`
-has its result, rounded by hand. It looks at Otsu's method alone: precision and recall by subset
-(Table 5.5), recall of burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames
-that are overexposed (section 3.1). The background is the simulation's own without particles.
+``python -m kilnflight.experiments.detection.light_fit`` fits for some ten minutes,
+prints the inputs, and compares them with the thesis for three seeds.
+`kilnflight.simulated.kiln.light.Optics` has its result, rounded by hand. It looks at
+Otsu's method alone: precision and recall by subset (Table 5.5), recall of burning and
+unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexposed
+(section 3.1). The background is the simulation's own without particles.
 """
 
 from __future__ import annotations
@@ -34,7 +35,13 @@ SEEDS = (0, 1, 2)
 FRAMES = (80,)  # of the search: the ten labelled ones show nearly the same particles
 LARGE_PX = 15.0  # "approximately all particles" are smaller (section 3.3)
 CORE = 0.7  # share of a flame's radius within which a pixel is at full scale
-UNLIT_RECALL = {"V1": 0.16, "V2": 0.16, "V3": 0.16, "V4": 0.0, "V5": 0.35}  # section 5.1.3
+UNLIT_RECALL = {
+    "V1": 0.16,
+    "V2": 0.16,
+    "V3": 0.16,
+    "V4": 0.0,
+    "V5": 0.35,
+}  # section 5.1.3
 # Deviations that count 1 in the misfit, for each subset
 BY_SUBSET = {"precision": 0.02, "recall": 0.04, "recall of the unlit": 0.04}
 # Of all subsets: printed value, and that deviation
@@ -45,18 +52,26 @@ TOTALS = {
     "share above 15 px": (0.0, 0.02),
     "share of flames overexposed": (1.0, 0.1),
 }
-# The median unlit particle must not outshine the wall. Bodies are darker and two in five, so it is
-# the paper below which a sixth of all paper lies.
-LARGEST_UNLIT, SIXTH = 0.9, -0.967
+# The median unlit particle must not outshine the wall. Bodies are darker and two in
+# five, so it is the paper below which a sixth of all paper lies.
+LARGEST_UNLIT = 0.9
+SIXTH = -0.967
 
 Prepared = list[tuple[Twin, Single]]
 
 
 def prepare(seeds: Iterable[int], names: Iterable[str] = scenes.SUBSETS) -> Prepared:
-    """Return scenes of some seeds, each with its background: a median without particles."""
+    """Return scenes of some seeds, each with its background: a median without
+    particles.
+    """
     twins = [scenes.open_scene(name, seed) for seed in seeds for name in names]
     return [
-        (twin, np.median([twin.empty(t) for t in range(0, 160, 20)], axis=0).astype(np.float32))
+        (
+            twin,
+            np.median([twin.empty(t) for t in range(0, 160, 20)], axis=0).astype(
+                np.float32
+            ),
+        )
         for twin in twins
     ]
 
@@ -96,11 +111,16 @@ def _counts(twin: Twin, background: Single, t: int) -> dict[str, float]:
     }
     for kind in (BURNING, UNLIT, ON_WALL):
         of_kind = view.kinds[marked] == kind
-        counts |= {f"seen {kind}": int(of_kind.sum()), f"found {kind}": int(found[of_kind].sum())}
+        counts |= {
+            f"seen {kind}": int(of_kind.sum()),
+            f"found {kind}": int(found[of_kind].sum()),
+        }
     return counts
 
 
-def count(prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES) -> pd.DataFrame:
+def count(
+    prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES
+) -> pd.DataFrame:
     """Return the sums of counts over frames, one row per seed and subset."""
     rows = []
     for first, background in prepared:
@@ -134,13 +154,17 @@ def compare(counts: pd.DataFrame) -> pd.DataFrame:
     printed = claims.published("table_5.5").set_index("subset")
     printed["recall of the unlit"] = pd.Series(UNLIT_RECALL)
     parts = [
-        pd.DataFrame({"quantity": name, "printed": printed[name], "ours": ours[name], "sd": sd})
+        pd.DataFrame(
+            {"quantity": name, "printed": printed[name], "ours": ours[name], "sd": sd}
+        )
         for name, sd in BY_SUBSET.items()
     ]
     table = pd.concat(parts).loc[ours.index].rename_axis("subset").reset_index()
     total = pd.DataFrame(TOTALS, index=["printed", "sd"]).T.rename_axis("quantity")
     total["ours"] = _rates(sums.sum().to_frame().T).iloc[0]
-    return pd.concat([table, total.reset_index().assign(subset="all")], ignore_index=True)
+    return pd.concat(
+        [table, total.reset_index().assign(subset="all")], ignore_index=True
+    )
 
 
 def misfit(prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES) -> float:
@@ -167,13 +191,20 @@ def fit(
 
     n = len(FITTED)
     simplex = np.vstack([np.zeros(n), 0.15 * np.eye(n)])
-    options: Any = {"maxfev": steps, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.5}
+    options: Any = {
+        "maxfev": steps,
+        "initial_simplex": simplex,
+        "xatol": 0.01,
+        "fatol": 0.5,
+    }
     best = minimize(cost, np.zeros(n), method="Nelder-Mead", options=options)
     return light(best.x), float(best.fun)
 
 
 def report(counts: pd.DataFrame) -> pd.DataFrame:
-    """Return `compare` of counts seed by seed: ``quantity``, ``subset``, ``printed``, and seeds."""
+    """Return `compare` of counts seed by seed: ``quantity``, ``subset``, ``printed``,
+    and seeds.
+    """
     table = compare(counts)[["quantity", "subset", "printed"]]
     for seed, one in counts.groupby("seed"):
         table[f"seed_{seed}"] = compare(one)["ours"]

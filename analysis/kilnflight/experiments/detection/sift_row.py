@@ -1,7 +1,7 @@
 """What identifies r of Eq. 2.28 and the clutter: the total row of SIFT in Table 5.6.
 
-Neither is printed. Both change the F1 of SIFT and its false detections, and these two numbers
-identify them; so the row tests nothing.
+Neither is printed. Both change the F1 of SIFT and its false detections, and these two
+numbers identify them; so the row tests nothing.
 
     python -m kilnflight.experiments.detection.sift_row
 
@@ -46,17 +46,21 @@ def with_clutter(subset: labelled.Subset, gray: float) -> labelled.Subset:
     )
 
 
-def edge_table(subsets: list[labelled.Subset], scale: str, edges: Iterable[float]) -> pd.DataFrame:
+def edge_table(
+    subsets: list[labelled.Subset], scale: str, edges: Iterable[float]
+) -> pd.DataFrame:
     """Return Table 5.6 of SIFT for each r of Eq. 2.28, beside print.
 
-    Its total row identifies r, and with it what the simulation holds of faint false particles.
+    Its total row identifies r, and with it what the simulation holds of faint false
+    particles.
 
     Returns
     -------
     DataFrame
-        ``edge``, the columns of `with_total` and `beside_published`, ``fp_published`` (of ten
-        frames a subset), and ``misfit``: both deviations from print as one length, F1 in
-        hundredths, false detections in standard deviations of their number.
+        ``edge``, the columns of `with_total` and `beside_published`, ``fp_published``
+        (of ten frames a subset), and ``misfit``: both deviations from print as one
+        length, F1 in hundredths, false detections in standard deviations of their
+        number.
     """
     parts = []
     for edge in edges:
@@ -65,14 +69,21 @@ def edge_table(subsets: list[labelled.Subset], scale: str, edges: Iterable[float
     table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
     printed = claims.published("table_5.6").set_index("test_set")["FP"]
-    printed["Total"] = printed.drop("Total").sum()  # the cells of this row are shifted in print
+    printed["Total"] = printed.drop(
+        "Total"
+    ).sum()  # the cells of this row are shifted in print
     table["fp_published"] = table["subset"].map(printed)
     more = 2 * (np.sqrt(table["fp"]) - np.sqrt(table["fp_published"]))
-    return table.assign(misfit=np.hypot(100 * (table["f1"] - table["f1_published"]), more))
+    return table.assign(
+        misfit=np.hypot(100 * (table["f1"] - table["f1_published"]), more)
+    )
 
 
 def identify(
-    subsets: Sequence[labelled.Subset], scale: str, edges: Sequence[float], grays: Sequence[float]
+    subsets: Sequence[labelled.Subset],
+    scale: str,
+    edges: Sequence[float],
+    grays: Sequence[float],
 ) -> pd.DataFrame:
     """Return the total row of Table 5.6 for each r and clutter, the best first.
 
@@ -87,7 +98,9 @@ def identify(
 
 
 def main() -> None:
-    """Identify r and clutter on the simulation that is shown; print all pairs and keep them."""
+    """Identify r and clutter on the simulation that is shown; print all pairs and keep
+    them.
+    """
     table = identify(labelled.labelled_subsets("full"), "full", EDGES, CLUTTER)
     table = table[["edge", "clutter_gray", "tp", "fp", "fn", "f1", "misfit"]].round(4)
     write_whole(paths.reference() / "sift_row.csv", table.to_csv(index=False).encode())

@@ -1,1 +1,3 @@
-"""The protocols of chapters 5.2 and 5.3: tracked windows, campaigns whose flights count."""
+"""The protocols of chapters 5.2 and 5.3: tracked windows, campaigns whose flights
+count.
+"""

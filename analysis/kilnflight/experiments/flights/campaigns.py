@@ -2,9 +2,9 @@
 
 recordings -> `Measurement`, the tables of all -> `Results`, values measured and true
 
-Threshold, wall and limit of the air come from the labelled frames; the outlet of the lance is
-known. The truth enters no measured table, but it names the frames of a reduced run (`busiest`). No
-flight is rejected, as in the thesis.
+Threshold, wall and limit of the air come from the labelled frames; the outlet of the
+lance is known. The truth enters no measured table, but it names the frames of a reduced
+run (`busiest`). No flight is rejected, as in the thesis.
 """
 
 from __future__ import annotations
@@ -57,9 +57,14 @@ from kilnflight.tables import TRAJECTORIES
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
-FRAMES = {"quick": 24, "standard": 200, "full": 0}  # by scale; 0: all; a flight lasts 60 to 165
+FRAMES = {
+    "quick": 24,
+    "standard": 200,
+    "full": 0,
+}  # by scale; 0: all; a flight lasts 60 to 165
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
-# What leaves the view counts with the time computed; what is lost within it does not (A.1).
+# What leaves the view counts with the time computed; what is lost within it does not
+# (A.1).
 COMPLETE = (LANDED, BURNT_OUT, LEFT)
 # Campaigns by scale: two of a smoke run, those of one pressure if reduced.
 CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
@@ -78,13 +83,14 @@ class LearnedSettings:
     Parameters
     ----------
     threshold
-        Threshold of DoG in grey values, with the best F1 on all labelled frames together.
+        Threshold of DoG in grey values, with the best F1 on all labelled frames
+        together.
     wall
         Cylinder fitted to the wall's points in the first labelled frame.
     in_air_mm
-        Largest distance from the wall's axis that counts as in the air, in mm. It is the crossing
-        of two Gaussians, of particles in the air and on the wall, plus 40 mm. The thesis goes from
-        760 to 800 mm likewise.
+        Largest distance from the wall's axis that counts as in the air, in mm. It is
+        the crossing of two Gaussians, of particles in the air and on the wall, plus 40
+        mm. The thesis goes from 760 to 800 mm likewise.
     """
 
     threshold: float
@@ -94,16 +100,20 @@ class LearnedSettings:
     def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
         """Return the detections in the air or without depth, to be tracked (4.1.3).
 
-        ``detections`` are `kilnflight.tables.DETECTIONS`; those on the wall are left out (5.1.4).
+        ``detections`` are `kilnflight.tables.DETECTIONS`; those on the wall are left
+        out (5.1.4).
         """
         on_wall = InAir(self.in_air_mm).on_wall(detections[["x", "y", "z"]], self.wall)
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> LearnedSettings:
+def settings_from_labels(
+    scale: str, seed: int = 0, scenario: str = "base"
+) -> LearnedSettings:
     """Return threshold, wall and limit found on labelled frames, cached.
 
-    The frames are those of ``scale``. The values come from the cached row of `_settings`.
+    The frames are those of ``scale``. The values come from the cached row of
+    `_settings`.
     """
     make = partial(_settings, scale, seed, scenario)
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
@@ -115,11 +125,14 @@ def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> L
 def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """Return threshold, radius, limit, centre and axis, one row of nine columns.
 
-    The threshold is in grey values, lengths are in mm; centre and direction of the cylinder's axis
-    take three columns each. `settings_from_labels` reads the row by position.
+    The threshold is in grey values, lengths are in mm; centre and direction of the
+    cylinder's axis take three columns each. `settings_from_labels` reads the row by
+    position.
     """
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
-    counts = labelled.sum_counts(labelled.compare_thresholds(subsets, scale), ["threshold"])
+    counts = labelled.sum_counts(
+        labelled.compare_thresholds(subsets, scale), ["threshold"]
+    )
     best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
     threshold = float(best.max())  # of ties the highest
     points = labelled.wall_points(subsets[0].recording, subsets[0].frames[0])
@@ -164,8 +177,8 @@ def campaigns(
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (four at 4.5 bar, 200 frames each) or
-        "full" (eight, all frames).
+        "quick" (two campaigns, 24 frames each), "standard" (four at 4.5 bar, 200 frames
+        each) or "full" (eight, all frames).
     settings
         Threshold, wall and limit from the labelled frames.
     seed
@@ -176,20 +189,32 @@ def campaigns(
         Fraction and pressure of some; None: all of the scale.
     """
     if scale not in FRAMES:
-        raise InputError(f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}.")
+        raise InputError(
+            f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}."
+        )
     return [
-        Campaign(fraction, bar, _run(campaign_name(fraction, bar), scale, settings, seed, scenario))
+        Campaign(
+            fraction,
+            bar,
+            _run(campaign_name(fraction, bar), scale, settings, seed, scenario),
+        )
         for fraction, bar in keys or CAMPAIGNS[scale]
     ]
 
 
-def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str) -> Chain:
+def _run(
+    name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str
+) -> Chain:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
     twin = open_scene(source.name, seed)
     count = FRAMES[scale] or len(twin)
     frames = busiest(
-        twin.life.release_s, twin.life.flights.end_s, twin.scene.frame_rate_hz, count, len(twin)
+        twin.life.release_s,
+        twin.life.flights.end_s,
+        twin.scene.frame_rate_hz,
+        count,
+        len(twin),
     )
     chunk = frames.stop
     if count == len(twin):
@@ -203,7 +228,9 @@ def _run(name: str, scale: str, settings: LearnedSettings, seed: int, scenario: 
         background=BACKGROUNDS[scale],
         chunk=chunk,
     )
-    sheet = FRACTIONS[twin.scene.fraction].sheet  # the test of grey values is for papers (5.3.2)
+    sheet = FRACTIONS[
+        twin.scene.fraction
+    ].sheet  # the test of grey values is for papers (5.3.2)
     return Chain(
         detection,
         exit_point_mm=twin.attributes.exit_point_mm,
@@ -218,8 +245,9 @@ def busiest(
 ) -> range:
     """Return the frames of a recording in which most flights begin and end.
 
-    Of equal ones those with the longest flights in them count, then the first. The rule needs the
-    times of release and end alone, which are known before any frame is rendered.
+    Of equal ones those with the longest flights in them count, then the first. The rule
+    needs the times of release and end alone, which are known before any frame is
+    rendered.
 
     Parameters
     ----------
@@ -233,10 +261,14 @@ def busiest(
     count = min(count, total)
     begin = release_s * frame_rate_hz
     end = begin + dwell_s * frame_rate_hz
-    first = np.unique(np.clip(np.append(np.floor(begin), 0.0), 0, total - count)).astype(int)
+    first = np.unique(
+        np.clip(np.append(np.floor(begin), 0.0), 0, total - count)
+    ).astype(int)
     last = first[:, None] + count
     whole = ((begin >= first[:, None]) & (end < last)).sum(axis=1)
-    flown = np.clip(np.minimum(end, last) - np.maximum(begin, first[:, None]), 0.0, None)
+    flown = np.clip(
+        np.minimum(end, last) - np.maximum(begin, first[:, None]), 0.0, None
+    )
     best = int(first[np.lexsort((-flown.sum(axis=1), -whole))[0]])
     return range(best, best + count)
 
@@ -253,17 +285,23 @@ class Measurement(NamedTuple):
     slices: pd.DataFrame  # kilnflight.tables.SLICES
 
 
-def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
+def measure_campaigns(
+    campaigns: Sequence[Campaign], workers: Workers | None = None
+) -> Measurement:
     """Return the tables of all campaigns; missing ones are computed and cached.
 
-    ``particle`` numbers the tracks of each campaign anew, so it is unique within one only. No
-    flight is rejected, but a metre that is passed faster than `Plausible.fastest_m_s` is no row of
-    the slices: nothing drives a particle so fast, and its polynomial is wrong there.
+    ``particle`` numbers the tracks of each campaign anew, so it is unique within one
+    only. No flight is rejected, but a metre that is passed faster than
+    `Plausible.fastest_m_s` is no row of the slices: nothing drives a particle so fast,
+    and its polynomial is wrong there.
     """
     chain.make_tables([campaign.run for campaign in campaigns], workers)
     steps = Measurement._fields
     tables = Measurement(
-        *(stack({each.key: each.run.table(step)() for each in campaigns}) for step in steps)
+        *(
+            stack({each.key: each.run.table(step)() for each in campaigns})
+            for step in steps
+        )
     )
     possible = tables.slices["velocity_m_s"].abs() <= Plausible().fastest_m_s
     return tables._replace(slices=tables.slices[possible].reset_index(drop=True))
@@ -318,16 +356,26 @@ def results(
 ) -> Results:
     """Return the results of all `campaigns` of a scale, for the notebooks 50 to 56.
 
-    Missing tables are computed in ``jobs`` processes and cached, and true positions likewise.
-    Measured values are of the `counted_flights`, true ones of all `whole_flights`, detected or not.
+    Missing tables are computed in ``jobs`` processes and cached, and true positions
+    likewise. Measured values are of the `counted_flights`, true ones of all
+    `whole_flights`, detected or not.
     """
-    recorded = campaigns(scale, settings_from_labels(scale, seed, scenario), seed, scenario, keys)
+    recorded = campaigns(
+        scale, settings_from_labels(scale, seed, scenario), seed, scenario, keys
+    )
     tables = measure_campaigns(recorded, Workers(jobs))
     marks = [truth.kept_marks(twin_of(each), each.frames).path for each in recorded]
-    unknown = [each for each, path in zip(recorded, marks, strict=True) if not path.is_file()]
-    Workers(jobs)(true_positions, unknown, [len(each.frames) for each in unknown], "truth")
+    unknown = [
+        each for each, path in zip(recorded, marks, strict=True) if not path.is_file()
+    ]
+    Workers(jobs)(
+        true_positions, unknown, [len(each.frames) for each in unknown], "truth"
+    )
     measured = values_by_campaign(tables, [each.key for each in recorded])
-    whole = {each.key: twin_of(each).life.flights.take(whole_flights(each)) for each in recorded}
+    whole = {
+        each.key: twin_of(each).life.flights.take(whole_flights(each))
+        for each in recorded
+    }
     true = {key: truth.true_flight_values(flights) for key, flights in whole.items()}
     return Results(recorded, tables, measured, true)
 
@@ -342,8 +390,8 @@ def twin_of(campaign: Campaign) -> Twin:
 def true_positions(campaign: Campaign) -> pd.DataFrame:
     """Return true positions of visible particles in the air, one row each.
 
-    The columns are those of `kilnflight.simulated.kiln.truth.sightings`. Particles with fewer than
-    five positions are left out. The table is cached.
+    The columns are those of `kilnflight.simulated.kiln.truth.sightings`. Particles with
+    fewer than five positions are left out. The table is cached.
     """
     return truth.true_trajectories(twin_of(campaign), campaign.frames)
 
@@ -353,7 +401,8 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
 
     The mask (n,) has the order of ``twin_of(campaign).life.flights``.
     """
-    twin, frames = twin_of(campaign), campaign.frames
+    twin = twin_of(campaign)
+    frames = campaign.frames
     release = twin.life.release_s * twin.scene.frame_rate_hz
     over = release + twin.life.flights.end_s * twin.scene.frame_rate_hz
     return np.asarray((release >= frames.start) & (over < frames.stop))
@@ -378,8 +427,9 @@ def flight_values(
 ) -> FlightValues:
     """Return times, velocities and reach of one campaign's `counted_flights`.
 
-    Flights with one of the endings ``complete`` have a dwell time (section 5.3.1, appendix A.1).
-    The others are censored when last detected. Slices behind the lance are left out.
+    Flights with one of the endings ``complete`` have a dwell time (section 5.3.1,
+    appendix A.1). The others are censored when last detected. Slices behind the lance
+    are left out.
 
     Parameters
     ----------
@@ -389,17 +439,25 @@ def flight_values(
     Returns
     -------
     FlightValues
-        Times in s from the lance, velocities (n, 5) in m/s, distances in depth from it in m.
+        Times in s from the lance, velocities (n, 5) in m/s, distances in depth from it
+        in m.
     """
     counted = counted_flights(flights)
     wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
-    wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
+    wide = wide.reindex(
+        index=counted["particle"], columns=[float(metre) for metre in METRES]
+    )
     fits = regression.fits(trajectories[TRAJECTORIES.names])
-    ends = zip([fits[each] for each in counted["particle"]], counted["end_s"], strict=True)
+    ends = zip(
+        [fits[each] for each in counted["particle"]], counted["end_s"], strict=True
+    )
     reached = [fit.exit_point_mm[2] - straight_on(fit, end)[0, 2] for fit, end in ends]
     lost = ~counted["ending"].isin(complete).to_numpy()
-    dwell, ignition = counted.loc[~lost, "dwell_s"], counted["ignition_s"]
+    dwell = counted.loc[~lost, "dwell_s"]
+    ignition = counted["ignition_s"]
     seen = (counted["last_s"] - counted["t0_s"])[lost]
     times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
     far = np.array(reached, np.float64) / 1000.0
-    return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost)
+    return FlightValues(
+        times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost
+    )

@@ -1,7 +1,9 @@
-"""Medians and shares of campaigns with 95 % intervals, beside the truth and what is printed.
+"""Medians and shares of campaigns with 95 % intervals, beside the truth and what is
+printed.
 
-Medians by bootstrap over particles, shares by Wilson (`kilnflight.scores.intervals`). A velocity is
-that of the particles that passed the metre; "velocity last" is that of the last metre passed.
+Medians by bootstrap over particles, shares by Wilson (`kilnflight.scores.intervals`). A
+velocity is that of the particles that passed the metre; "velocity last" is that of the
+last metre passed.
 """
 
 from __future__ import annotations
@@ -32,9 +34,12 @@ from kilnflight.simulated.kiln.scenes import PRESSURES_BAR
 from kilnflight.simulated.kiln.truth import true_flight_values
 
 Values = Mapping[CampaignKey, FlightValues]
-HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
+HEAVY = ("wood chip", "PE granule")
+PAPERS = ("confetti", "paper shred")
 LEAST_FLIGHTS = 6  # in each campaign; claims are open with fewer
-TOLERANCE = 0.1  # of a median of times or velocities; set before any flight was measured
+TOLERANCE = (
+    0.1  # of a median of times or velocities; set before any flight was measured
+)
 SHARE_POINTS = 5.0  # percentage points of a share; likewise
 PUT_IN = 4000  # particles of a run whose flights show what was put in
 VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
@@ -65,8 +70,8 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
 def samples(flight_values: FlightValues) -> dict[str, Array]:
     """Return the finite values (k,) behind each outcome that is a median, by name.
 
-    The names are those of `kilnflight.scores.flights.outcomes`. "velocity last" is empty if no
-    metre is passed by a share `LAST_SHARE` of the particles.
+    The names are those of `kilnflight.scores.flights.outcomes`. "velocity last" is
+    empty if no metre is passed by a share `LAST_SHARE` of the particles.
     """
     velocity = flight_values.velocity_m_s
     metres = zip(METRES, velocity.T, strict=True)
@@ -78,7 +83,9 @@ def samples(flight_values: FlightValues) -> dict[str, Array]:
     }
 
 
-def interval_of(values: FlightValues, outcome: str, generator: np.random.Generator) -> Interval:
+def interval_of(
+    values: FlightValues, outcome: str, generator: np.random.Generator
+) -> Interval:
     """Return one outcome of a campaign with its 95 % interval.
 
     Parameters
@@ -93,8 +100,8 @@ def interval_of(values: FlightValues, outcome: str, generator: np.random.Generat
     Returns
     -------
     Interval
-        Of medians by bootstrap, of shares in per cent by Wilson. It is infinite for all other
-        outcomes, such as quartiles.
+        Of medians by bootstrap, of shares in per cent by Wilson. It is infinite for all
+        other outcomes, such as quartiles.
     """
     if outcome in samples(values):
         return median_of(samples(values)[outcome], generator)
@@ -107,7 +114,8 @@ def interval_of(values: FlightValues, outcome: str, generator: np.random.Generat
     if "%" not in outcome or not counted or np.isnan(percent):
         return Interval(percent, -np.inf, np.inf, (counted,))
     share = intervals.share(round(percent / 100 * counted), counted)
-    low, high = min(100 * share.low, percent), max(100 * share.high, percent)
+    low = min(100 * share.low, percent)
+    high = max(100 * share.high, percent)
     return Interval(percent, low, high, share.numbers)
 
 
@@ -117,29 +125,36 @@ def printed_numbers() -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per fraction, pressure and number: ``fraction``, ``pressure_bar``, ``outcome`` (name
-        with unit), ``printed`` (text); ``low`` and ``high``, equal for a single number, NaN where a
-        bound is open. "Most within 0.3 to 0.4 s" is a share of 50 to 100 %.
+        One row per fraction, pressure and number: ``fraction``, ``pressure_bar``,
+        ``outcome`` (name with unit), ``printed`` (text); ``low`` and ``high``, equal
+        for a single number, NaN where a bound is open. "Most within 0.3 to 0.4 s" is a
+        share of 50 to 100 %.
     """
     table = claims.published("flight").rename(columns={"value_as_printed": "printed"})
-    table = table.dropna(subset="outcome").dropna(subset=["value_low", "value_high"], how="all")
+    table = table.dropna(subset="outcome").dropna(
+        subset=["value_low", "value_high"], how="all"
+    )
     most = table["statistic"] == "majority range"
     for side, share in (("low", 50.0), ("high", 100.0)):
         table[side] = table[f"value_{side}"].mask(most, share)
-    table["fraction"] = table["fraction"].replace("all", "+".join(FRACTIONS)).str.split("+")
+    table["fraction"] = (
+        table["fraction"].replace("all", "+".join(FRACTIONS)).str.split("+")
+    )
     table = table.explode("fraction", ignore_index=True)
     return table[[*KEYS, "outcome", "printed", "low", "high"]]
 
 
 @cache  # the judgement of each choice needs it
 def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame:
-    """Return every outcome of flights by the laws that were put in, beside `printed_numbers`.
+    """Return every outcome of flights by the laws that were put in, beside
+    `printed_numbers`.
 
-    ``count`` particles of each run are released. The columns are those of `printed_numbers`, NaN
-    where nothing is printed, and ``put_in``.
+    ``count`` particles of each run are released. The columns are those of
+    `printed_numbers`, NaN where nothing is printed, and ``put_in``.
     """
     values = {
-        key: outcomes(true_flight_values(released(*key, Geometry(), count, seed))) for key in runs
+        key: outcomes(true_flight_values(released(*key, Geometry(), count, seed)))
+        for key in runs
     }
     known = pd.concat(values, names=[*KEYS, "outcome"]).rename("put_in").reset_index()
     return known.merge(printed_numbers(), "left", [*KEYS, "outcome"])
@@ -155,7 +170,8 @@ def recovery(
     measured, true
         Values by campaign; ``true`` has at least the campaigns of ``measured``.
     start
-        First letters of the outcomes (`kilnflight.scores.flights.outcomes`), a regular expression.
+        First letters of the outcomes (`kilnflight.scores.flights.outcomes`), a regular
+        expression.
     generator
         Of the bootstrap; its state stays as it was.
 
@@ -163,25 +179,37 @@ def recovery(
     -------
     DataFrame
         ``fraction``, ``pressure_bar``, ``outcome``; ``put_in`` and ``printed`` (text);
-        ``true``: of the particles of this campaign; ``number`` of
-        measured ones, ``measured``; ``error``: measured minus true, with its 95 % interval ``low``
-        and ``high``; ``verdict``: "recovered" if the interval lies within `TOLERANCE`, "biased" if
-        it lies outside, else "open".
+        ``true``: of the particles of this campaign; ``number`` of measured ones,
+        ``measured``; ``error``: measured minus true, with its 95 % interval ``low`` and
+        ``high``; ``verdict``: "recovered" if the interval lies within `TOLERANCE`,
+        "biased" if it lies outside, else "open".
     """
     rows = []
     for key, values in measured.items():
         known = outcomes(true[key]).filter(regex=f"^({start})")
-        for name in known.index[known.index.str.contains("%") | known.index.isin(samples(values))]:
+        for name in known.index[
+            known.index.str.contains("%") | known.index.isin(samples(values))
+        ]:
             ours = interval_of(values, name, generator)
             most = SHARE_POINTS if "%" in name else TOLERANCE * abs(known[name])
-            low, high = ours.low - known[name], ours.high - known[name]
-            answer = claims.within(low, high, -most, most) if ours.numbers != (0,) else None
-            numbers = (known[name], sum(ours.numbers), ours.estimate, ours.estimate - known[name])
+            low = ours.low - known[name]
+            high = ours.high - known[name]
+            answer = (
+                claims.within(low, high, -most, most) if ours.numbers != (0,) else None
+            )
+            numbers = (
+                known[name],
+                sum(ours.numbers),
+                ours.estimate,
+                ours.estimate - known[name],
+            )
             rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
     told = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
     told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
     rest = ["true", "number", "measured", "error", "low", "high", "verdict"]
-    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace([np.inf, -np.inf], np.nan)
+    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace(
+        [np.inf, -np.inf], np.nan
+    )
     return told.merge(table, "right", [*KEYS, "outcome"])
 
 
@@ -194,21 +222,23 @@ def differences(
 ) -> pd.DataFrame:
     """Return how one outcome differs between pairs of campaigns, first minus second.
 
-    ``measured``, ``true`` and ``generator`` are those of `recovery`. Pairs that were not both
-    measured are left out.
+    ``measured``, ``true`` and ``generator`` are those of `recovery`. Pairs that were
+    not both measured are left out.
 
     Returns
     -------
     DataFrame
-        ``fraction`` and ``pressure_bar`` of the first, ``other`` and ``other_bar``; ``outcome``;
-        the difference ``measured`` with its 95 % interval ``low`` and ``high`` (Newcombe), and
-        ``true``.
+        ``fraction`` and ``pressure_bar`` of the first, ``other`` and ``other_bar``;
+        ``outcome``; the difference ``measured`` with its 95 % interval ``low`` and
+        ``high`` (Newcombe), and ``true``.
     """
     rows = []
     for pair in pairs:
         if set(pair) <= set(measured):
             found = (interval_of(measured[key], outcome, generator) for key in pair)
-            ends = list(interval_columns(intervals.difference_interval(*found)).values())[1:]
+            ends = list(
+                interval_columns(intervals.difference_interval(*found)).values()
+            )[1:]
             real = [float(outcomes(true[key])[outcome]) for key in pair]
             rows.append((*pair[0], *pair[1], outcome, *ends, real[0] - real[1]))
     names = [*KEYS, "other", "other_bar", "outcome", "measured", "low", "high", "true"]
@@ -223,11 +253,17 @@ def ends(values: pd.Series, form: str) -> str:
 
 def all_above(table: pd.DataFrame) -> bool | None:
     """Return whether all `differences` are above 0; None if an interval holds 0."""
-    return claims.all_of(*map(claims.beyond, table["low"], table["high"])) if len(table) else None
+    return (
+        claims.all_of(*map(claims.beyond, table["low"], table["high"]))
+        if len(table)
+        else None
+    )
 
 
 def recovered(table: pd.DataFrame, **where: object) -> bool | None:
-    """Return whether all rows of `recovery` with the given cells are recovered; None if open."""
+    """Return whether all rows of `recovery` with the given cells are recovered; None if
+    open.
+    """
     table = table[(table[list(where)] == pd.Series(where)).all(axis=1)]
     answers = {verdict: answer for answer, verdict in VERDICTS.items()}
     return (
@@ -242,7 +278,11 @@ def if_complete(
 ) -> dict[str, bool | None]:
     """Return the answers by claim, or None for all if there are too few flights.
 
-    ``numbers`` are the flights of each campaign. All eight campaigns need `LEAST_FLIGHTS`.
+    ``numbers`` are the flights of each campaign. All eight campaigns need
+    `LEAST_FLIGHTS`.
     """
-    whole = len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR) and min(numbers) >= LEAST_FLIGHTS
+    whole = (
+        len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR)
+        and min(numbers) >= LEAST_FLIGHTS
+    )
     return {claim: answer if whole else None for claim, answer in answers.items()}

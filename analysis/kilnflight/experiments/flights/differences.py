@@ -1,6 +1,7 @@
 """Detections and foregrounds of a window of frames, stored together.
 
-Post-processing needs sums of the foregrounds for the texture energies of tracklets (Eq. 4.24).
+Post-processing needs sums of the foregrounds for the texture energies of tracklets (Eq.
+4.24).
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from kilnflight.tables import DETECTIONS
 class StoredDifferences:
     """Detections and foregrounds of some frames, sliced like an array.
 
-    A foreground is the difference of a frame from its background, in grey values. Square
-    roots are stored, rounded to one byte. For 10,000 grey values the error is 100 at most, less
-    than the noise there. Call `make` before any foreground is read.
+    A foreground is the difference of a frame from its background, in grey values.
+    Square roots are stored, rounded to one byte. For 10,000 grey values the error is
+    100 at most, less than the noise there. Call `make` before any foreground is read.
     """
 
     source: TwinSource
@@ -60,12 +61,15 @@ class StoredDifferences:
 
     def _detect(self) -> pd.DataFrame:
         """Return the detections of all frames, and write the roots of the foregrounds."""
-        recording, parts = self.source.recording(), [DETECTIONS.empty()]
+        recording = self.source.recording()
+        parts = [DETECTIONS.empty()]
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
                 for t, view in chain.views(recording, self.frames, self.background):
-                    file.write(np.sqrt(view.foreground).round().clip(0, 255).astype("u1").data)
+                    file.write(
+                        np.sqrt(view.foreground).round().clip(0, 255).astype("u1").data
+                    )
                     parts.append(self.detector(view, recording.attributes.roi, frame=t))
 
         clear_parts(self.path)
@@ -73,12 +77,19 @@ class StoredDifferences:
         return pd.concat(parts, ignore_index=True)
 
     def __call__(
-        self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
+        self,
+        first_frame: int,
+        last_frame: int,
+        top: int,
+        left: int,
+        bottom: int,
+        right: int,
     ) -> Array:
         """Return the sum of the foregrounds in a box over some frames (Eq. 4.24).
 
-        The sum is (bottom - top, right - left) in grey values; the last frame is included, the last
-        row and column are not. Frames that are not stored add nothing.
+        The sum is (bottom - top, right - left) in grey values; the last frame is
+        included, the last row and column are not. Frames that are not stored add
+        nothing.
         """
         box = self[first_frame : last_frame + 1, top:bottom, left:right]
         return box.sum(axis=0, dtype=np.float64)
@@ -86,10 +97,14 @@ class StoredDifferences:
     def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
         """Return the foregrounds (frames, rows, cols) in a box.
 
-        ``box`` slices frames, rows and columns. Frames need a start and a stop, numbered as in the
-        recording; those that are not stored are left out.
+        ``box`` slices frames, rows and columns. Frames need a start and a stop,
+        numbered as in the recording; those that are not stored are left out.
         """
-        start, stop = (max(t - self.frames.start, 0) for t in (box[0].start, box[0].stop))
+        start, stop = (
+            max(t - self.frames.start, 0) for t in (box[0].start, box[0].stop)
+        )
         shape = len(self.frames), *self.shape[1:]
-        roots = np.memmap(self.path, np.uint8, "r", shape=shape)[start:stop, box[1], box[2]]
+        roots = np.memmap(self.path, np.uint8, "r", shape=shape)[
+            start:stop, box[1], box[2]
+        ]
         return np.square(roots, dtype=np.uint16)

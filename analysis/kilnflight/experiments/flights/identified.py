@@ -1,7 +1,7 @@
 """Inputs of the simulation that one printed number decides, each as value -> number.
 
-True paths, true labels and the depth camera's errors are read. No detector and no tracker has a
-part in it.
+True paths, true labels and the depth camera's errors are read. No detector and no
+tracker has a part in it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from kilnflight.tracklets.eliminate import Elimination, regularity
 
 WINDOW = 100  # frames of paper shreds in Table 5.15
 LASTING = 15  # frames: trajectories "continue for some time" (sec. 5.2.1)
-BEYOND_CROSSING_MM = 40.0  # of the limit of 800 mm, beyond the crossing at 760 mm (sec. 5.1.4)
+BEYOND_CROSSING_MM = (
+    40.0  # of the limit of 800 mm, beyond the crossing at 760 mm (sec. 5.1.4)
+)
 
 
 def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.DataFrame:
@@ -44,10 +46,11 @@ def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.Da
     Returns
     -------
     DataFrame
-        ``particle``, ``frame``, ``row``, ``col`` in px and ``x``, ``y``, ``z`` in mm, sorted by
-        particle and frame.
+        ``particle``, ``frame``, ``row``, ``col`` in px and ``x``, ``y``, ``z`` in mm,
+        sorted by particle and frame.
     """
-    generator, place = np.random.default_rng([seed, 61]), scene.geometry
+    generator = np.random.default_rng([seed, 61])
+    place = scene.geometry
     flights = fly(law, count, place, generator)
     released = WINDOW * generator.random(count)
     frames = np.arange(WINDOW + round(LONGEST_S * scene.frame_rate_hz))
@@ -64,14 +67,16 @@ def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.Da
 def regular_share(paths: pd.DataFrame) -> float:
     """Return the share of true paths that the elimination calls regular (Eq. 4.15).
 
-    Paths are cut into windows of `WINDOW` frames, as the ground truth of Table 5.15 is; those of
-    fewer than `LASTING` frames do not count.
+    Paths are cut into windows of `WINDOW` frames, as the ground truth of Table 5.15 is;
+    those of fewer than `LASTING` frames do not count.
     """
     pieces = paths.groupby(["particle", paths["frame"] // WINDOW])
     long = paths[pieces["frame"].transform("size") >= LASTING]
     names = long.groupby(["particle", long["frame"] // WINDOW]).ngroup()
     place = long[["row", "col"]].to_numpy()
-    found = regularity(np.asarray(names, np.intp), np.asarray(long["frame"], np.int64), place)
+    found = regularity(
+        np.asarray(names, np.intp), np.asarray(long["frame"], np.int64), place
+    )
     return float((found > Elimination.regularity).mean())
 
 
@@ -91,7 +96,8 @@ def seen_by_camera(
     seed
         Of what comes anew in each frame.
     """
-    place, camera = scene.geometry, scene.depth
+    place = scene.geometry
+    camera = scene.depth
     calibration = camera.calibration(place.rows, place.columns, scene.calibration)
     pixel = paths[["row", "col"]].to_numpy()
     row, col = np.rint(pixel).astype(int).T
@@ -103,7 +109,9 @@ def seen_by_camera(
     return paths.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
 
 
-def fit_medians(paths: pd.DataFrame, exit_point_mm: npt.ArrayLike, rate_hz: float) -> pd.Series:
+def fit_medians(
+    paths: pd.DataFrame, exit_point_mm: npt.ArrayLike, rate_hz: float
+) -> pd.Series:
     """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18).
 
     ``first_m_s`` is the median velocity in the first metre (Eq. 5.8).
@@ -121,34 +129,43 @@ def wall_distances(
 ) -> tuple[Array, Array]:
     """Return the distances from the axis in mm of particles in the air and on the wall.
 
-    They are all within the region of interest of labelled frames, as the depth camera sees them
-    with an own error of ``wall_particle_mm`` on the wall.
+    They are all within the region of interest of labelled frames, as the depth camera
+    sees them with an own error of ``wall_particle_mm`` on the wall.
     """
     parts = []
     for twin in twins:
-        scene, life = twin.scene, twin.life
+        scene = twin.scene
+        life = twin.life
         own = life.table["fraction"].map(dict(scene.depth.particle_error_mm)).to_numpy()
         for t in LABELLED:
             moment = life.at(twin.time_s(t))
             moment = moment.take(~moment.landed | moment.burning)
             xyz = scene.geometry.to_camera(moment.position_m)
             row, col = scene.geometry.project(xyz)
-            table = pd.DataFrame({"row": row, "col": col, "z": xyz[:, 2], "wall": moment.landed})
-            table["own_mm"] = np.where(moment.landed, wall_particle_mm, own[moment.particle])
+            table = pd.DataFrame(
+                {"row": row, "col": col, "z": xyz[:, 2], "wall": moment.landed}
+            )
+            table["own_mm"] = np.where(
+                moment.landed, wall_particle_mm, own[moment.particle]
+            )
             table = table[inside(scene.roi, row, col)]
             seen = seen_by_camera(table, scene, table["own_mm"], seed + t)
             place = scene.geometry.to_kiln(seen[["x", "y", "z"]].to_numpy())
-            parts.append(seen.assign(distance=1000 * np.hypot(place[:, 1], place[:, 2])))
+            parts.append(
+                seen.assign(distance=1000 * np.hypot(place[:, 1], place[:, 2]))
+            )
     every = pd.concat(parts)
-    distance, wall = every["distance"].to_numpy(), every["wall"].to_numpy()
+    distance = every["distance"].to_numpy()
+    wall = every["wall"].to_numpy()
     return distance[~wall], distance[wall]
 
 
 def wall_share(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
-    """Return the share of wall particles that count as in the air (Table 5.13: 263 of 838).
+    """Return the share of wall particles that count as in the air (Table 5.13: 263 of
+    838).
 
-    Both are distances from the kiln's axis. The limit is the crossing of their Gaussians and
-    `BEYOND_CROSSING_MM`.
+    Both are distances from the kiln's axis. The limit is the crossing of their
+    Gaussians and `BEYOND_CROSSING_MM`.
     """
     limit = crossing(in_air_mm, wall_mm) + BEYOND_CROSSING_MM
     return float((np.asarray(wall_mm) < limit).mean())

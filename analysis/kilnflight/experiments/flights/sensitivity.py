@@ -1,4 +1,6 @@
-"""What the methods' results change by if an unpublished input of the simulation changes."""
+"""What the methods' results change by if an unpublished input of the simulation
+changes.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,10 @@ from kilnflight.tracklets import tracked
 def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]:
     """Return five results of the methods in one scenario.
 
-    ``f1`` of SIFT with DBSCAN on labelled frames. Of papers at 4.5 bar: ``alpha`` of tracks by GNN
-    with post-processing, mean over fractions; ``dwell_bias_s`` and ``velocity_bias_m_s`` of the
-    first metre, medians of measured minus true; ``false_ignitions_percent`` of those that do not
-    ignite.
+    ``f1`` of SIFT with DBSCAN on labelled frames. Of papers at 4.5 bar: ``alpha`` of
+    tracks by GNN with post-processing, mean over fractions; ``dwell_bias_s`` and
+    ``velocity_bias_m_s`` of the first metre, medians of measured minus true;
+    ``false_ignitions_percent`` of those that do not ignite.
     """
     settings = campaigns.settings_from_labels(scale, seed, scenario)
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
@@ -28,16 +30,22 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
     detector = Combination(labelled.sift(settings.threshold))
     methods = {"": lambda view: detector(view, roi, 0)[["row", "col"]].to_numpy()}
     found = labelled.sum_counts(labelled.run(subsets, methods), ["method"])
-    results = campaigns.results(scale, seed, jobs, scenario, [(name, 4.5) for name in PAPERS])
+    results = campaigns.results(
+        scale, seed, jobs, scenario, [(name, 4.5) for name in PAPERS]
+    )
     alphas = []
     for campaign in results.campaigns:
         tracks = tracked(campaigns.of_campaign(results.tables.tracks, campaign.key))
-        alphas.append(score_tracks(campaigns.true_positions(campaign), tracks, GATE_PX).alpha)
+        alphas.append(
+            score_tracks(campaigns.true_positions(campaign), tracks, GATE_PX).alpha
+        )
     error = errors(compare_campaigns(results), seed)
     return {
         "f1": float(found["f1"].iloc[0]),
         "alpha": float(np.mean(alphas)),
         "dwell_bias_s": error["dwell_s_bias"],
         "velocity_bias_m_s": error["velocity_m_s_bias"],
-        "false_ignitions_percent": 100 * error["unlit_detected"] / max(error["unlit"], 1.0),
+        "false_ignitions_percent": 100
+        * error["unlit_detected"]
+        / max(error["unlit"], 1.0),
     }

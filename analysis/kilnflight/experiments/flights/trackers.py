@@ -1,7 +1,8 @@
-"""GNN and JPDA in the settings that the thesis does not print (data/reference/trackers.csv).
+"""GNN and JPDA in the settings that the thesis does not print
+(data/reference/trackers.csv).
 
-Both limits of Eq. 4.14 are identified by the eight JSC_theta without post-processing of Table
-5.17, and by nothing else: these eight numbers then test nothing.
+Both limits of Eq. 4.14 are identified by the eight JSC_theta without post-processing of
+Table 5.17, and by nothing else: these eight numbers then test nothing.
 
     python -m kilnflight.experiments.flights.trackers
 
@@ -23,9 +24,13 @@ from kilnflight.store import paths
 from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track
 
-# Visibility and missed frames that are tried. After one miss in the second frame the visibility is
-# 1/2, after two misses 1/3. Gaps of up to 15 frames are closed afterwards (Table 5.16).
-LIMITS = [(0.0, 0), *product((0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), (1, 2, 3, 5, 8, 15))]
+# Visibility and missed frames that are tried. After one miss in the second frame the
+# visibility is 1/2, after two misses 1/3. Gaps of up to 15 frames are closed afterwards
+# (Table 5.16).
+LIMITS = [
+    (0.0, 0),
+    *product((0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), (1, 2, 3, 5, 8, 15)),
+]
 
 
 def limits() -> pd.DataFrame:
@@ -36,7 +41,8 @@ def limits() -> pd.DataFrame:
 def settings() -> pd.DataFrame:
     """Return trackers.csv: one row per setting with its value for each tracker.
 
-    ``decided_by`` is "identified" or "assumption". What is identified has its value from `limits`.
+    ``decided_by`` is "identified" or "assumption". What is identified has its value
+    from `limits`.
     """
     table = pd.read_csv(paths.reference() / "trackers.csv", index_col="setting")
     for name, value in limits().loc[0, ["visibility", "missed_frames"]].items():
@@ -45,7 +51,9 @@ def settings() -> pd.DataFrame:
 
 
 def chosen(name: str, **changes: float) -> Tracker:
-    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv, or with ``changes``."""
+    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv, or with
+    ``changes``.
+    """
     value = {**settings()[name], **changes}
     associator: Associator
     if name == "GNN":
@@ -59,7 +67,9 @@ def chosen(name: str, **changes: float) -> Tracker:
     )
     gate = Gate(value["gate"], value["depth_gate"])
     management = Management(value["visibility"], int(value["missed_frames"]))
-    return partial(track, associator=associator, motion=motion, gate=gate, management=management)
+    return partial(
+        track, associator=associator, motion=motion, gate=gate, management=management
+    )
 
 
 def identify(
@@ -67,9 +77,9 @@ def identify(
 ) -> pd.DataFrame:
     """Return the misfit of each setting of the limits of Eq. 4.14, the best first.
 
-    One setting holds for both trackers and all windows. Its misfit is the sum of squared
-    differences of JSC_theta without post-processing from Table 5.17, eight numbers. Of equal
-    misfits the one that is tried first is the best.
+    One setting holds for both trackers and all windows. Its misfit is the sum of
+    squared differences of JSC_theta without post-processing from Table 5.17, eight
+    numbers. Of equal misfits the one that is tried first is the best.
 
     Parameters
     ----------
@@ -81,10 +91,12 @@ def identify(
     Returns
     -------
     DataFrame
-        ``visibility``, ``missed_frames``, ``misfit``, and JSC_theta of each window and tracker, in
-        columns such as "wood chip, GNN".
+        ``visibility``, ``missed_frames``, ``misfit``, and JSC_theta of each window and
+        tracker, in columns such as "wood chip, GNN".
     """
-    printed = scores.published().query("postprocessing == 'without' and measure == 'jsc_theta'")
+    printed = scores.published().query(
+        "postprocessing == 'without' and measure == 'jsc_theta'"
+    )
     wanted = printed.set_index(["fraction", "tracker"])["published"]
     parts = list(windows)
     rows = []

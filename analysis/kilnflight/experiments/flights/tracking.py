@@ -1,6 +1,7 @@
 """Tracking experiment: trackers on campaign windows, scored as in section 5.2.2.
 
-    window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
+    window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC,
+    JSC_theta
 
 The trackers run on the windows of Table 5.15.
 """
@@ -48,7 +49,9 @@ SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
 Stages = Mapping[str, pd.DataFrame]  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
-Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle, -1: none
+Tracker = Callable[
+    [pd.DataFrame], pd.DataFrame
+]  # detections -> the same with particle, -1: none
 
 
 class Window(NamedTuple):
@@ -56,20 +59,31 @@ class Window(NamedTuple):
 
     fraction: str
     frames: range
-    detections: pd.DataFrame  # `kilnflight.tables.DETECTIONS` in the air, or without depth
-    truth: pd.DataFrame  # noted positions in the air (`kilnflight.simulated.kiln.truth.noted`)
+    detections: (
+        pd.DataFrame
+    )  # `kilnflight.tables.DETECTIONS` in the air, or without depth
+    truth: (
+        pd.DataFrame
+    )  # noted positions in the air (`kilnflight.simulated.kiln.truth.noted`)
     visible: pd.DataFrame  # the same with all visible positions, noted or not
-    differences: StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
+    differences: (
+        StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
+    )
     lance: Lance  # its outlet
 
 
-def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
+def flying_particles(
+    twin: Twin, starts: Iterable[int], length: int
+) -> npt.NDArray[np.intp]:
     """Return how many particles fly in ``length`` frames from each start."""
     first = np.asarray(list(starts), dtype=np.intp)[:, None]
-    table, rate = twin.life.table, twin.scene.frame_rate_hz
+    table = twin.life.table
+    rate = twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
-    return np.asarray(((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp)
+    return np.asarray(
+        ((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp
+    )
 
 
 def scored_frames(twin: Twin, scale: str, by_starts: bool = False) -> range:
@@ -106,7 +120,8 @@ def windows(
     jobs
         Number of processes for the detection.
     by_starts
-        Whether windows are chosen by the flights that start in them, see `tracking_window`.
+        Whether windows are chosen by the flights that start in them, see
+        `tracking_window`.
     scenario
         One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     """
@@ -118,10 +133,13 @@ def windows(
         frames = scored_frames(source.recording(), scale, by_starts)
         stored[fraction] = StoredDifferences(source, frames, detector, background)
     lengths = [len(each.frames) for each in stored.values()]
-    Workers(jobs)(StoredDifferences.make, list(stored.values()), lengths, "detection in windows")
+    Workers(jobs)(
+        StoredDifferences.make, list(stored.values()), lengths, "detection in windows"
+    )
     parts = []
     for fraction, each in stored.items():
-        twin, frames = each.source.recording(), each.frames
+        twin = each.source.recording()
+        frames = each.frames
         marks = kept_marks(twin, frames, noted)()
         parts.append(
             Window(
@@ -154,7 +172,9 @@ def track_window(window: Window, tracker: Tracker) -> Stages:
 def processed(
     window: Window, tracks: pd.DataFrame, steps: Iterable[PathStep] = tracklets.STEPS
 ) -> Stages:
-    """Return raw ``tracks`` of a window "without" and "with" post-processing by ``steps``."""
+    """Return raw ``tracks`` of a window "without" and "with" post-processing by
+    ``steps``.
+    """
     done = tracklets.postprocess(tracks, window.differences, steps)
     return dict(zip(STAGES, (tracks, done), strict=True))
 
@@ -163,17 +183,20 @@ def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tr
     """Return the tracks of all windows and trackers, by fraction and tracker."""
     each = product(windows, trackers.items())
     return {
-        (window.fraction, name): track_window(window, tracker) for window, (name, tracker) in each
+        (window.fraction, name): track_window(window, tracker)
+        for window, (name, tracker) in each
     }
 
 
 def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     """Return the cells of Table 5.17 by fraction, tracker and stage.
 
-    The seed of a cell starts with its fraction's number. So all cells of a window draw the same
-    true trajectories, and their differences are paired.
+    The seed of a cell starts with its fraction's number. So all cells of a window draw
+    the same true trajectories, and their differences are paired.
     """
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)}
+    numbers = {
+        name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)
+    }
     found = [
         score_cell(
             (window.fraction, name, stage),
@@ -188,15 +211,20 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     return {cell.key: cell for cell in found}
 
 
-def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
+def true_particles(
+    detections: pd.DataFrame, true: pd.DataFrame
+) -> npt.NDArray[np.int64]:
     """Return the true particle (n,) of each of n detections; -1: none.
 
-    In each frame detections and true positions are paired within `GATE_PX` at the least sum of
-    distances (Eq. 3.4). Both tables have ``frame``, ``row``, ``col``; ``true`` has ``particle``.
+    In each frame detections and true positions are paired within `GATE_PX` at the least
+    sum of distances (Eq. 3.4). Both tables have ``frame``, ``row``, ``col``; ``true``
+    has ``particle``.
     """
     owner = np.full(len(detections), -1, dtype=np.int64)
     rows, known = (table.groupby("frame").indices for table in (detections, true))
-    spots, places = (table[["row", "col"]].to_numpy(np.float64) for table in (detections, true))
+    spots, places = (
+        table[["row", "col"]].to_numpy(np.float64) for table in (detections, true)
+    )
     particle = true["particle"].to_numpy()
     for frame, there in known.items():
         here = rows.get(frame, np.empty(0, np.intp))
@@ -208,8 +236,8 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
     """Return all tracks in one table, for the data behind a figure.
 
-    The columns are ``fraction``, ``column`` (the name in ``tables``), ``particle``, ``frame``,
-    ``row`` and ``col``. Detections of no track are left out.
+    The columns are ``fraction``, ``column`` (the name in ``tables``), ``particle``,
+    ``frame``, ``row`` and ``col``. Detections of no track are left out.
     """
     parts = [
         table.assign(fraction=fraction, **{column: name})

@@ -1,6 +1,7 @@
 """The campaigns with the other value of a choice that the thesis does not print.
 
-Detections and tracks stay; regression and flights are computed again (data/reference/choices.csv).
+Detections and tracks stay; regression and flights are computed again
+(data/reference/choices.csv).
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ def true_outlet(campaign: Campaign) -> Chain:
 
 
 def rmse_alone(campaign: Campaign) -> Chain:
-    """Return the run whose orders rise while the RMSE falls, whatever the other measures do."""
+    """Return the run whose orders rise while the RMSE falls, whatever the other
+    measures do.
+    """
     return replace(campaign.run, regression=Regression(measures=("rmse_mm",)))
 
 
@@ -44,7 +47,9 @@ def gray_alone(campaign: Campaign) -> Chain:
     rules = campaign.run.rules
     if rules.ignition is None:
         return campaign.run
-    return replace(campaign.run, rules=replace(rules, ignition=Ignition(above_background=False)))
+    return replace(
+        campaign.run, rules=replace(rules, ignition=Ignition(above_background=False))
+    )
 
 
 # Ids of data/reference/choices.csv.
@@ -56,8 +61,12 @@ OTHERS: dict[str, Callable[[Campaign], Chain]] = {
 }
 
 
-def varied(results: Results, change: Callable[[Campaign], Chain], jobs: int = 1) -> Results:
-    """Return the results with other runs; missing tables are computed in ``jobs`` processes."""
+def varied(
+    results: Results, change: Callable[[Campaign], Chain], jobs: int = 1
+) -> Results:
+    """Return the results with other runs; missing tables are computed in ``jobs``
+    processes.
+    """
     changed = [each._replace(run=change(each)) for each in results.campaigns]
     tables = measure_campaigns(changed, Workers(jobs))
     measured = values_by_campaign(tables, [each.key for each in changed])

@@ -4,8 +4,8 @@
 
     the authors' tracks, or the friction model -> pictures at 200 frames/s
 
-`kilnflight.belt` measures and predicts; it never sees this room, and nothing here sees a
-prediction.
+`kilnflight.belt` measures and predicts; it never sees this room, and nothing here sees
+a prediction.
 
 ==========  =====================================================================
 module      content

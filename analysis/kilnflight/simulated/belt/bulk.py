@@ -17,8 +17,8 @@ class Bulk:
     shape
         ``sphere``, ``cylinder`` or ``box``.
     half_mm
-        Of a sphere: radius. Of a cylinder: radius, half of the height. Of a box: half edges, the
-        shortest last, so that it lies on its largest face.
+        Of a sphere: radius. Of a cylinder: radius, half of the height. Of a box: half
+        edges, the shortest last, so that it lies on its largest face.
     count
         Particles in 0.2 kg (2020 paper, section 4).
     """

@@ -4,10 +4,10 @@
 
     fuel, flights -> feeding -> life -> picture, background, lenses -> scene (a recording) -> truth
 
-It never sees a method, and no method sees it. Every input has unit and source: published,
-handbook, fitted or assumption. data/reference/twin_inputs.csv lists the main ones. Flights were
-fitted to printed numbers, the light to Otsu's row of Table 5.5, the depth to Tables 5.2 and 5.18,
-and nothing to the outcome of any other method.
+It never sees a method, and no method sees it. Every input has unit and source:
+published, handbook, fitted or assumption. data/reference/twin_inputs.csv lists the main
+ones. Flights were fitted to printed numbers, the light to Otsu's row of Table 5.5, the
+depth to Tables 5.2 and 5.18, and nothing to the outcome of any other method.
 
 ==========  =====================================================================
 module      content

@@ -1,9 +1,10 @@
 """The picture without particles: wall, inlet plate, lance, burner, flicker, edges.
 
-The static part is made once per scene. The changing part is a function of time alone (sums of
-sines with seeded phases), so that any frame can be rendered by itself. The thesis shows lance and
-burner (Figs 2.2 and 3.4) and prints that the burner is partly inside the kiln, with a flame that is
-exceptionally bright (section 3.1). All else is assumed.
+The static part is made once per scene. The changing part is a function of time alone
+(sums of sines with seeded phases), so that any frame can be rendered by itself. The
+thesis shows lance and burner (Figs 2.2 and 3.4) and prints that the burner is partly
+inside the kiln, with a flame that is exceptionally bright (section 3.1). All else is
+assumed.
 """
 
 from __future__ import annotations
@@ -26,22 +27,32 @@ TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
 TEXTURE_SD = 0.085  # relative; 10 K of a wall of 1423 K in the band of the sensor
 PLATE = 0.47  # level of the inlet plate over the wall's
 WAVES = 12  # of the flicker's frequencies
-FLICKER, FLICKER_S = 0.012, 0.15  # of hot gas, relative and local, and its time
-FLICKER_BLOCK = 16  # pixels of a flicker's value, full camera; it is smooth over many of them
+FLICKER = 0.012
+FLICKER_S = 0.15  # of hot gas, relative and local, and its time
+FLICKER_BLOCK = (
+    16  # pixels of a flicker's value, full camera; it is smooth over many of them
+)
 FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera
-COMMON, COMMON_HZ = 0.015, (1.0, 30.0)  # of the whole picture (burner), relative, and its rates
+COMMON = 0.015
+COMMON_HZ = (1.0, 30.0)  # of the whole picture (burner), relative, and its rates
 EDGE_STRENGTH = 0.10  # relative, of micro-lens artefacts
 FULL_COLUMNS = 2048
-LANCE_MM, BORE_MM = 34.0, 20.0  # radii; a bore of 40 mm is printed (sec. 2.1.1)
-TUBE_MM, NOZZLE_MM = 70.0, 42.0  # radii of the burner
-STEEL, COLD = 0.30, 0.12  # levels of cooled steel and of a cold bore over the wall's
+LANCE_MM = 34.0
+BORE_MM = 20.0  # radii; a bore of 40 mm is printed (sec. 2.1.1)
+TUBE_MM = 70.0
+NOZZLE_MM = 42.0  # radii of the burner
+STEEL = 0.30
+COLD = 0.12  # levels of cooled steel and of a cold bore over the wall's
 NOZZLE = (0.40, 0.88)  # of the burner, as share of rows and columns of its rectangle
 NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m
 FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame, full camera
 FLAME_LEVEL = 1.3  # over full scale
 FLAME_EDGE = 0.05  # width of its edge over its radius
-# Of a spot of clutter: Gaussian radius in px, full camera; its cycle, and the share with light
-CLUTTER_PX, CLUTTER_S, CLUTTER_SHARE = (2.0, 6.0), (0.6, 1.6), 0.25
+# Of a spot of clutter: Gaussian radius in px, full camera; its cycle, and the share
+# with light
+CLUTTER_PX = (2.0, 6.0)
+CLUTTER_S = (0.6, 1.6)
+CLUTTER_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -51,11 +62,15 @@ class Interior:
     # Rectangle of the burner's flame: first row, last row, first column, last column.
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
-    # Spots that come and go: "light reflection" and residues of the background (sec. 3.1).
+    # Spots that come and go: "light reflection" and residues of the background (sec.
+    # 3.1).
     clutter: float = 80.0  # mean number in a frame; assumption
-    clutter_gray: float = 2500.0  # mean of their largest grey values, exponential; identified
-    # Polygon of the region of interest, as share of rows and columns: not published, set by
-    # Table 5.3 (an input), which keeps nine tenths in air and half of those on the wall.
+    clutter_gray: float = (
+        2500.0  # mean of their largest grey values, exponential; identified
+    )
+    # Polygon of the region of interest, as share of rows and columns: not published,
+    # set by Table 5.3 (an input), which keeps nine tenths in air and half of those on
+    # the wall.
     roi: tuple[tuple[float, float], ...] = (
         (0.07, 0.10),
         (0.07, 0.90),
@@ -70,7 +85,9 @@ def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Array, Array]]:
     """Yield `ROWS` rows of the picture at a time, with row and column of their pixels."""
     for first in range(0, geometry.rows, ROWS):
         rows = slice(first, min(first + ROWS, geometry.rows))
-        row, column = np.indices((rows.stop - first, geometry.columns), dtype=np.float64)
+        row, column = np.indices(
+            (rows.stop - first, geometry.columns), dtype=np.float64
+        )
         yield rows, row + first, column
 
 
@@ -88,12 +105,17 @@ def _depth_mm(geometry: Geometry) -> Array:
 
 
 def _see_tube(
-    geometry: Geometry, mouth_m: Array, radii_mm: tuple[float, float], row: Array, column: Array
+    geometry: Geometry,
+    mouth_m: Array,
+    radii_mm: tuple[float, float],
+    row: Array,
+    column: Array,
 ) -> tuple[Array, Array]:
-    """Return depth in mm (infinite beside it) and level over the wall's of a tube at pixels.
+    """Return depth in mm (infinite beside it) and level over the wall's of a tube at
+    pixels.
 
-    It lies along the kiln's axis from the inlet to its mouth (3,), with an outer radius and a bore.
-    The camera sees the mouth, and the side that is turned to it.
+    It lies along the kiln's axis from the inlet to its mouth (3,), with an outer radius
+    and a bore. The camera sees the mouth, and the side that is turned to it.
     """
     ray = geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
     start = -geometry.origin_mm @ geometry.axes.T - 1000.0 * mouth_m
@@ -106,7 +128,8 @@ def _see_tube(
         side = (-b - root) / a
     across = start[1:] + mouth[..., None] * ray[..., 1:]
     from_centre = np.hypot(across[..., 0], across[..., 1])
-    along, inlet = start[0] + side * ray[..., 0], 1000.0 * (geometry.inlet_m - mouth_m[0])
+    along = start[0] + side * ray[..., 0]
+    inlet = 1000.0 * (geometry.inlet_m - mouth_m[0])
     on_mouth = from_centre <= radius
     on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
     depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
@@ -118,12 +141,18 @@ def _see_tube(
 
 @lru_cache(maxsize=1)  # the scenes of a run have the same ones
 def _see_tubes(geometry: Geometry, *nozzle_m: float) -> tuple[Array, Array]:
-    """Return depth in mm and level over the wall's of lance and burner, (rows, columns) each.
+    """Return depth in mm and level over the wall's of lance and burner, (rows, columns)
+    each.
 
     The mouth of the burner is at ``nozzle_m`` (3,) in kiln coordinates.
     """
-    depth, level = (np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0))
-    tubes = (geometry.lance_m, (LANCE_MM, BORE_MM)), (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM))
+    depth, level = (
+        np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0)
+    )
+    tubes = (
+        (geometry.lance_m, (LANCE_MM, BORE_MM)),
+        (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM)),
+    )
     for rows, row, column in _blocks(geometry):
         for mouth_m, radii in tubes:
             seen, shade = _see_tube(geometry, mouth_m, radii, row, column)
@@ -143,18 +172,23 @@ def _edges(rows: int, columns: int, edge_px: int) -> Single:
     inside = np.minimum(near, np.minimum(column, columns - 1 - column))
     k = 2 * np.pi / 23.0  # px between micro-lens images
     pattern = sum(
-        np.cos(k * (c * column + s * row)) for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
+        np.cos(k * (c * column + s * row))
+        for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
     )
     return np.asarray(np.clip(1 - inside / edge_px, 0, 1) * pattern / 3, np.float32)
 
 
-def _sines(seed: int, stream: int, limits_hz: tuple[float, float], time_s: float) -> Array:
+def _sines(
+    seed: int, stream: int, limits_hz: tuple[float, float], time_s: float
+) -> Array:
     """Return three sums of six sines each, of unit spread, at a time."""
     generator = np.random.default_rng([seed, stream])
     low, high = np.log(limits_hz)
     hertz = np.exp(generator.uniform(low, high, (3, 6)))
     phase = generator.uniform(0, 2 * np.pi, (3, 6))
-    return np.asarray(np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1) / np.sqrt(3))
+    return np.asarray(
+        np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1) / np.sqrt(3)
+    )
 
 
 class Clutter(NamedTuple):
@@ -177,7 +211,8 @@ class Background:
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""
-        total, power = np.zeros(around.shape), 0.0
+        total = np.zeros(around.shape)
+        power = 0.0
         for (cells, weight), noise in zip(TEXTURE, self._fields, strict=True):
             x = ((around % 1.0) * cells + 1.5).astype(np.float32)
             y = ((along % 1.0) * cells + 1.5).astype(np.float32)
@@ -215,33 +250,54 @@ class Background:
 
     @cached_property
     def level(self) -> Single:
-        """Grey values of wall, plate and tubes, (rows, columns), without flicker and noise."""
+        """Grey values of wall, plate and tubes, (rows, columns), without flicker and
+        noise.
+        """
         wall_mm = _depth_mm(self.geometry)
         tube_mm, shade = _see_tubes(self.geometry, *self.nozzle_m)
         level = np.empty(wall_mm.shape)
         for rows, row, column in _blocks(self.geometry):
-            point = self.geometry.to_kiln(self.geometry.unproject(row, column, wall_mm[rows]))
+            point = self.geometry.to_kiln(
+                self.geometry.unproject(row, column, wall_mm[rows])
+            )
             angle = np.arctan2(point[..., 2], point[..., 1])
-            texture = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
+            texture = self._texture(
+                angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4
+            )
             plate = point[..., 0] <= self.geometry.inlet_m + 0.01
             level[rows] = np.where(plate, PLATE, np.exp(TEXTURE_SD * texture))
         level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
-        down, over = (np.linspace(-1, 1, n) for n in (self.geometry.rows, self.geometry.columns))
-        level *= 1.0 - 0.12 * (down[:, None] ** 2 + (4 / 3 * over) ** 2) / 2.78  # vignetting
+        down, over = (
+            np.linspace(-1, 1, n) for n in (self.geometry.rows, self.geometry.columns)
+        )
+        level *= (
+            1.0 - 0.12 * (down[:, None] ** 2 + (4 / 3 * over) ** 2) / 2.78
+        )  # vignetting
         blur = self.optics.edge_softness_px
         return cv2.GaussianBlur(level, (0, 0), blur).astype(np.float32)
 
     def _burn(self, picture: Single, time_s: float) -> None:
-        """Draw the burner's flame: an ellipse that begins at the nozzle, away from the lance."""
+        """Draw the burner's flame: an ellipse that begins at the nozzle, away from the
+        lance.
+        """
         top, bottom, left, right = self.interior.flame_roi
         ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
-        (row0, row1), (col0, col1) = self.geometry.project(self.geometry.to_camera(ends_m))
-        down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(row1 - row0, col1 - col0)
-        moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(self.seed, 106, (3.0, 17.0), time_s)
-        length, width = np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
+        (row0, row1), (col0, col1) = self.geometry.project(
+            self.geometry.to_camera(ends_m)
+        )
+        down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(
+            row1 - row0, col1 - col0
+        )
+        moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(
+            self.seed, 106, (3.0, 17.0), time_s
+        )
+        length, width = (
+            np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
+        )
         # farther out it adds less than 32 bits resolve at grey values above 64
         axes = np.array([[down, over], [over, down]]) * [[length / 2], [width / 2]]
-        middle, reach = axes[0] + (row0, col0), (1 + 6 * FLAME_EDGE) * np.hypot(*axes)
+        middle = axes[0] + (row0, col0)
+        reach = (1 + 6 * FLAME_EDGE) * np.hypot(*axes)
         top, left = np.maximum(middle - reach, (top, left)).astype(int)
         bottom, right = np.minimum(middle + reach + 2, (bottom, right)).astype(int)
         row = np.arange(top, bottom)[:, None] - row0 - down * length / 2
@@ -270,7 +326,9 @@ class Background:
         low, high = np.log(CLUTTER_S)
         return Clutter(
             corner=corner,
-            spot=(gray * profile[:, 0, :, None] * profile[:, 1, None, :]).astype(np.float32),
+            spot=(gray * profile[:, 0, :, None] * profile[:, 1, None, :]).astype(
+                np.float32
+            ),
             hertz=np.exp(-generator.uniform(low, high, count)),
             phase=generator.random(count),
         )
@@ -287,7 +345,9 @@ class Background:
 
     @cached_property
     def _patterns(self) -> tuple[Array, Single]:
-        """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the flicker."""
+        """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the
+        flicker.
+        """
         generator = np.random.default_rng([self.seed, 105])
         corner = 1 / (2 * np.pi * FLICKER_S)
         strata = (np.arange(WAVES) + generator.uniform(0, 1, WAVES)) / WAVES
@@ -304,7 +364,9 @@ class Background:
 
     @property
     def _cells(self) -> tuple[int, int]:
-        return -(-self.geometry.rows // self._block), -(-self.geometry.columns // self._block)
+        return -(-self.geometry.rows // self._block), -(
+            -self.geometry.columns // self._block
+        )
 
     def _local(self, time_s: float) -> Single:
         """Return the flicker of hot gas (rows, columns): positive factors about 1."""
@@ -315,7 +377,9 @@ class Background:
         field = np.exp(np.einsum("i,ij->j", weights, patterns))
         field *= np.float32(np.exp(self.common(time_s) - 1))
         size = (self.geometry.columns, self.geometry.rows)
-        return cv2.resize(field.reshape(self._cells), size, interpolation=cv2.INTER_LINEAR)
+        return cv2.resize(
+            field.reshape(self._cells), size, interpolation=cv2.INTER_LINEAR
+        )
 
     def at(self, time_s: float) -> Single:
         """Return the picture (rows, columns) at a time, without particles and noise."""
@@ -324,7 +388,12 @@ class Background:
         edge = self.interior.edge_px
         middle = slice(edge, -edge)
         edges = _edges(*picture.shape, edge)
-        for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
+        for strip in (
+            np.s_[:edge],
+            np.s_[-edge:],
+            np.s_[middle, :edge],
+            np.s_[middle, -edge:],
+        ):
             picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
         self._glint(picture, time_s)

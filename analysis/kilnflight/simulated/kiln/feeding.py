@@ -1,8 +1,8 @@
 """Who is fed and when: handfuls of a campaign, chosen particles of a labelled subset.
 
-Particles are fed by hand (sections 2.1.1 and 5.2.1). The thesis prints the frames and the
-trajectories of a window of each campaign (Table 5.15), and the labelled particles of the subsets
-(Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
+Particles are fed by hand (sections 2.1.1 and 5.2.1). The thesis prints the frames and
+the trajectories of a window of each campaign (Table 5.15), and the labelled particles
+of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 """
 
 from __future__ import annotations
@@ -19,20 +19,33 @@ from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
 from kilnflight.simulated.kiln.life import Life
 
-LABELLED = range(75, 85)  # frames of a subset, with 75 before and after for the backgrounds
+LABELLED = range(
+    75, 85
+)  # frames of a subset, with 75 before and after for the backgrounds
 LEAD_S = 1.0  # from the begin of the feeding to the first frame
 CANDIDATES = 4000  # of a fraction, from which a subset is chosen
-BURNING, UNLIT, ON_WALL = 2, 3, 4  # classes of Table 5.1
+BURNING = 2
+UNLIT = 3
+ON_WALL = 4  # classes of Table 5.1
 # Shares of the fractions in each class of a subset; assumption
 MIXTURES: dict[int, dict[str, float]] = {
     BURNING: {"paper shred": 0.7, "confetti": 0.3},
     UNLIT: {"wood chip": 0.2, "PE granule": 0.2, "confetti": 0.35, "paper shred": 0.25},
-    ON_WALL: {"wood chip": 0.35, "PE granule": 0.35, "confetti": 0.15, "paper shred": 0.15},
+    ON_WALL: {
+        "wood chip": 0.35,
+        "PE granule": 0.35,
+        "confetti": 0.15,
+        "paper shred": 0.15,
+    },
 }
 
 
-def handfuls(count: int, mean: float, duration_s: float, generator: np.random.Generator) -> Array:
-    """Return the times (count,) in s at which particles leave the lance, fed in handfuls."""
+def handfuls(
+    count: int, mean: float, duration_s: float, generator: np.random.Generator
+) -> Array:
+    """Return the times (count,) in s at which particles leave the lance, fed in
+    handfuls.
+    """
     sizes: list[int] = []
     while sum(sizes) < count:
         sizes.append(int(min(generator.geometric(1 / mean), count - sum(sizes))))
@@ -53,7 +66,11 @@ def feed_campaign(
 
     ``kind`` is their fraction and the pressure in bar.
     """
-    table = find_fraction(kind[0]).draw(len(release_s), generator).assign(release_s=release_s)
+    table = (
+        find_fraction(kind[0])
+        .draw(len(release_s), generator)
+        .assign(release_s=release_s)
+    )
     flights = fly(LAWS[kind], len(table), geometry, generator)
     return Life.of(table, flights, geometry, share_on, generator)
 
@@ -68,10 +85,10 @@ def feed_subset(
 ) -> Life:
     """Return the particles of a labelled subset.
 
-    Candidates of all fractions fly by the laws of 4.5 bar, released up to 1 s before the middle
-    labelled frame. Of those in each class and in the picture then, as many are fed as give at most
-    the printed number of labels in all labelled frames. So who burns is an input, and the kiln is
-    that of the campaigns.
+    Candidates of all fractions fly by the laws of 4.5 bar, released up to 1 s before
+    the middle labelled frame. Of those in each class and in the picture then, as many
+    are fed as give at most the printed number of labels in all labelled frames. So who
+    burns is an input, and the kiln is that of the campaigns.
 
     Parameters
     ----------
@@ -82,22 +99,31 @@ def feed_subset(
     roi
         Vertices (row, col) of the region of interest.
     """
-    tables, parts, middle = [], [], len(times_s) // 2
+    tables = []
+    parts = []
+    middle = len(times_s) // 2
     for name, kind in FRACTIONS.items():
         release_s = times_s[middle] - generator.random(CANDIDATES)
         tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
         parts.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
-    table, flights = pd.concat(tables, ignore_index=True), Flights.joined(parts)
+    table = pd.concat(tables, ignore_index=True)
+    flights = Flights.joined(parts)
     everyone = Life.of(table, flights, geometry, share_on, generator)
     labels, within = np.zeros((2, len(times_s), len(table)), np.int8)
     for k, time_s in enumerate(times_s):
         moment = everyone.at(time_s)
         row, col = geometry.project(geometry.to_camera(moment.position_m))
-        seen = (row >= 0) & (row < geometry.rows) & (col >= 0) & (col < geometry.columns)
+        seen = (
+            (row >= 0) & (row < geometry.rows) & (col >= 0) & (col < geometry.columns)
+        )
         seen &= moment.burning | ~moment.landed  # on the wall only flames are seen
-        kinds = np.where(moment.landed, ON_WALL, np.where(moment.burning, BURNING, UNLIT))
-        labels[k, moment.particle], within[k, moment.particle] = kinds * seen, inside(roi, row, col)
-    fraction, chosen = table["fraction"].to_numpy(), list[Index]()
+        kinds = np.where(
+            moment.landed, ON_WALL, np.where(moment.burning, BURNING, UNLIT)
+        )
+        labels[k, moment.particle] = kinds * seen
+        within[k, moment.particle] = inside(roi, row, col)
+    fraction = table["fraction"].to_numpy()
+    chosen = list[Index]()
     for label, both in counts.items():
         for near, count in zip((1, 0), both, strict=True):
             there = (labels[middle] == label) & (within[middle] == near)
@@ -110,5 +136,9 @@ def feed_subset(
                 chosen.append(rows[:taken])
                 owed -= shown[taken - 1] if taken else 0
     rows = np.sort(np.concatenate(chosen))
-    fed = everyone.table.iloc[rows].reset_index(drop=True).assign(particle=np.arange(len(rows)))
+    fed = (
+        everyone.table.iloc[rows]
+        .reset_index(drop=True)
+        .assign(particle=np.arange(len(rows)))
+    )
     return Life(fed, flights.take(rows), share_on)

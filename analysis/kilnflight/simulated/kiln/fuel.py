@@ -1,7 +1,8 @@
 """The four fractions: sizes of single particles.
 
-The thesis shows the fractions beside a scale (Fig. 2.7) and prints no sizes. The ranges are those
-of handbooks and products, as the comments say; sizes are drawn uniformly from them.
+The thesis shows the fractions beside a scale (Fig. 2.7) and prints no sizes. The ranges
+are those of handbooks and products, as the comments say; sizes are drawn uniformly from
+them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ class Fraction:
     round: bool = False  # as wide as long
 
     def draw(self, count: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Return ``fraction``, ``length_mm``, ``width_mm``, ``thickness_mm`` of particles."""
+        """Return ``fraction``, ``length_mm``, ``width_mm``, ``thickness_mm`` of
+        particles.
+        """
         low, high = np.array([self.length_mm, self.width_mm, self.thickness_mm]).T
         sizes = generator.uniform(low, high, (count, 3))
         if self.round:
@@ -44,11 +47,15 @@ FRACTIONS: dict[str, Fraction] = {
         # sizes by Fig. 2.7
         Fraction("wood chip", (8.0, 18.0), (4.0, 10.0), (1.2, 3.0), sheet=False),
         # discs of a hole punch, office paper
-        Fraction("confetti", (5.0, 6.0), (5.0, 6.0), (0.095, 0.105), sheet=True, round=True),
+        Fraction(
+            "confetti", (5.0, 6.0), (5.0, 6.0), (0.095, 0.105), sheet=True, round=True
+        ),
         # cross-cut shredder, office paper
         Fraction("paper shred", (20.0, 45.0), (4.0, 8.0), (0.095, 0.105), sheet=True),
         # LDPE and HDPE granules (data sheets)
-        Fraction("PE granule", (3.0, 4.8), (3.0, 4.8), (3.0, 4.8), sheet=False, round=True),
+        Fraction(
+            "PE granule", (3.0, 4.8), (3.0, 4.8), (3.0, 4.8), sheet=False, round=True
+        ),
     )
 }
 

@@ -1,13 +1,14 @@
 """Kiln, lance and camera: where things are, and where they are seen.
 
-Camera coordinates are millimetres: x to the right, y up, z away from the camera. Kiln coordinates
-are metres: s from the lance along the axis towards the camera, y to the side, z up, both from the
-kiln's axis. Row 0, column 0 is the centre of the upper left pixel.
+Camera coordinates are millimetres: x to the right, y up, z away from the camera. Kiln
+coordinates are metres: s from the lance along the axis towards the camera, y to the
+side, z up, both from the kiln's axis. Row 0, column 0 is the centre of the upper left
+pixel.
 
-The thesis publishes the fitted cylinder (Table 5.12) and the pixel of the lance's outlet (Fig.
-5.11). It publishes neither the pose of the camera nor the depth of the lance. Both are constants
-here, set once by Tables 5.3, 5.12 and 5.18 and Figs 3.11 and 5.11; lengths of Table 5.12 are taken
-as 1.111 times the true ones.
+The thesis publishes the fitted cylinder (Table 5.12) and the pixel of the lance's
+outlet (Fig. 5.11). It publishes neither the pose of the camera nor the depth of the
+lance. Both are constants here, set once by Tables 5.3, 5.12 and 5.18 and Figs 3.11 and
+5.11; lengths of Table 5.12 are taken as 1.111 times the true ones.
 """
 
 from __future__ import annotations
@@ -36,19 +37,28 @@ class Geometry:
     kiln_radius_mm: float = 700.0  # inner diameter 1.4 m (sec. 2.1.1)
     kiln_length_mm: float = 8400.0  # sec. 2.1.1
     inlet_depth_mm: float = 9035.0  # Table 5.12 over the scale of lengths
-    axis_far_mm: tuple[float, float, float] = (66.8, 445.5, 8332.8)  # a point of the axis, likewise
-    axis_height_mm: float = 617.7  # of the axis over the camera at depth 0; bounded: 0 to 745 mm
+    axis_far_mm: tuple[float, float, float] = (
+        66.8,
+        445.5,
+        8332.8,
+    )  # a point of the axis, likewise
+    axis_height_mm: float = (
+        617.7  # of the axis over the camera at depth 0; bounded: 0 to 745 mm
+    )
     lance_depth_mm: float = 5856.0  # bounded by RMSE and MAPE of Table 5.18
     lance_pixel: tuple[float, float] = (483.8, 936.3)  # row, column (Fig. 5.11)
     rows: int = 1536  # sec. 2.1.4
     columns: int = 2048  # sec. 2.1.4
-    # 85 mm lens (sec. 2.1.4) over 11 um: two sensor pixels of 5.5 um each (R12 data sheet).
+    # 85 mm lens (sec. 2.1.4) over 11 um: two sensor pixels of 5.5 um each (R12 data
+    # sheet).
     focal_length_px: float = 85.0 / 0.011
 
     def __post_init__(self) -> None:
         radius_mm = 1000.0 * float(np.hypot(*self.lance_m[1:]))
         if radius_mm >= self.kiln_radius_mm or not self.inlet_m <= 0.0 <= self.outlet_m:
-            raise InputError(f"geometry: the lance, {radius_mm:.0f} mm off the axis, is outside.")
+            raise InputError(
+                f"geometry: the lance, {radius_mm:.0f} mm off the axis, is outside."
+            )
 
     @cached_property
     def lance_mm(self) -> Array:
@@ -109,15 +119,17 @@ class Geometry:
         x = (np.asarray(column) - (self.columns - 1) / 2) * depth / self.focal_length_px
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
         points = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
-        points[..., 0], points[..., 1], points[..., 2] = x, y, depth
+        points[..., 0] = x
+        points[..., 1] = y
+        points[..., 2] = depth
         return points
 
     def wall_depth(self, row: Array, column: Array) -> Array:
         """Return the depth in mm at which a pixel's ray meets wall or inlet plate.
 
         The ray starts at the camera; of its two intersections with the cylinder the far
-        one is the wall that is seen. Rays that leave the cylinder behind the inlet end at
-        the plate.
+        one is the wall that is seen. Rays that leave the cylinder behind the inlet end
+        at the plate.
         """
         ray = self.unproject(row, column, np.ones(np.broadcast(row, column).shape))
         local = ray @ self.axes.T

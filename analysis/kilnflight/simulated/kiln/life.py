@@ -1,7 +1,7 @@
 """The particles of a recording: when each is fed, flies, burns and lands.
 
-On the wall (about 1200 degC) every particle ignites (section 5.1.1). Its flame there goes on and
-off, or the background would absorb it.
+On the wall (about 1200 degC) every particle ignites (section 5.1.1). Its flame there
+goes on and off, or the background would absorb it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
 DELAY_S = (0.01, 0.05)  # from the landing to the flame; assumption
 FLICKER_HZ = 8.0  # of flames on the wall; assumption
-SHEET_S, BODY_S = 0.15, 0.6  # mean time of a flame on the wall; assumption
+SHEET_S = 0.15
+BODY_S = 0.6  # mean time of a flame on the wall; assumption
 
 
 class Moment(NamedTuple):
@@ -43,10 +44,11 @@ class Moment(NamedTuple):
 class Life:
     """All particles of a recording.
 
-    ``table`` has ``particle``, ``fraction``, ``length_mm``, ``width_mm``, ``thickness_mm``,
-    ``release_s`` from the first frame, and from the release ``ignition_s`` (NaN: not in the air)
-    and ``end_s``, ``end``, ``end_x_mm``, ``end_y_mm``, ``end_z_mm`` in camera coordinates, and the
-    flame on the wall: ``flame_delay_s``, ``flame_s``, ``flicker_phase``.
+    ``table`` has ``particle``, ``fraction``, ``length_mm``, ``width_mm``,
+    ``thickness_mm``, ``release_s`` from the first frame, and from the release
+    ``ignition_s`` (NaN: not in the air) and ``end_s``, ``end``, ``end_x_mm``,
+    ``end_y_mm``, ``end_z_mm`` in camera coordinates, and the flame on the wall:
+    ``flame_delay_s``, ``flame_s``, ``flicker_phase``.
     """
 
     table: pd.DataFrame
@@ -62,9 +64,13 @@ class Life:
         share_on: float,
         generator: np.random.Generator,
     ) -> Self:
-        """Return the life of particles: sizes and ``release_s`` in a table, and their flights."""
+        """Return the life of particles: sizes and ``release_s`` in a table, and their
+        flights.
+        """
         n = len(table)
-        sheet = np.array([FRACTIONS[name].sheet for name in table["fraction"]], dtype=np.bool_)
+        sheet = np.array(
+            [FRACTIONS[name].sheet for name in table["fraction"]], dtype=np.bool_
+        )
         end = geometry.to_camera(np.reshape(flights.position(flights.end_s), (n, 3)))
         return cls(
             table.reset_index(drop=True).assign(
@@ -76,7 +82,8 @@ class Life:
                 end_y_mm=end[:, 1],
                 end_z_mm=end[:, 2],
                 flame_delay_s=generator.uniform(*DELAY_S, n),
-                flame_s=np.where(sheet, SHEET_S, BODY_S) * generator.exponential(size=n),
+                flame_s=np.where(sheet, SHEET_S, BODY_S)
+                * generator.exponential(size=n),
                 flicker_phase=generator.random(n),
             ),
             flights,
@@ -103,8 +110,10 @@ class Life:
     def at(self, time_s: float) -> Moment:
         """Return the particles at a time, in s from the first frame."""
         rows = np.flatnonzero((self.release_s <= time_s) & (self.over_s > time_s))
-        flights, age = self.flights.take(rows), time_s - self.release_s[rows]
-        landed, flying_s = age >= flights.end_s, np.minimum(age, flights.end_s)
+        flights = self.flights.take(rows)
+        age = time_s - self.release_s[rows]
+        landed = age >= flights.end_s
+        flying_s = np.minimum(age, flights.end_s)
         delay, _, phase = self._flame[:, rows]
         since = age - flights.end_s - delay
         on = (since >= 0) & ((since * FLICKER_HZ + phase) % 1.0 < self.share_on)

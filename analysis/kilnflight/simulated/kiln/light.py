@@ -1,9 +1,9 @@
 """Light: grey values of wall, particles and flames, and the noise of the camera.
 
-Levels are relative to the wall's and to full scale. The level of an unlit particle varies about
-its mean as the particle tumbles. A flame adds its own light and lets a share of that behind it
-pass, the less the thicker it is. Its brightness and area flutter: sums of sines, so that any moment
-can be computed alone.
+Levels are relative to the wall's and to full scale. The level of an unlit particle
+varies about its mean as the particle tumbles. A flame adds its own light and lets a
+share of that behind it pass, the less the thicker it is. Its brightness and area
+flutter: sums of sines, so that any moment can be computed alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import numpy.typing as npt
 from kilnflight.arrays import Array, Index
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 
-SHUTTER_S = 2.5e-3  # at which the wall has its level; just below the frame period of 330/s
+SHUTTER_S = (
+    2.5e-3  # at which the wall has its level; just below the frame period of 330/s
+)
 SINES = 3  # of a flutter
 
 
@@ -25,14 +27,17 @@ SINES = 3  # of a flutter
 class Optics:
     """The way from light to grey values.
 
-    ``paper`` to ``flame_softness`` are fitted by `kilnflight.experiments.detection.light_fit` to
-    Otsu's row and recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames,
-    ``share_on`` in an earlier fit; all else are assumptions.
+    ``paper`` to ``flame_softness`` are fitted by
+    `kilnflight.experiments.detection.light_fit` to Otsu's row and recalls (Table 5.5,
+    Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on`` in an earlier fit;
+    all else are assumptions.
     """
 
     wall: float = 20_000.0  # grey value of the wall at `SHUTTER_S`
     exposure_s: float = SHUTTER_S  # 6 ms for PE granules (sec. 5.2.3)
-    read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
+    read_noise: float = (
+        40.0  # grey values, standard deviation, four raw pixels averaged
+    )
     shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
     paper: float = 1.33  # median level of unlit paper over the wall's
     paper_spread: float = 0.58  # of its logarithm
@@ -40,8 +45,9 @@ class Optics:
     thick_mm: float = 3.5  # diameter of a flame by which light falls to 1/e
     gas_mm: float = 3.4  # radius of the burning gas around a particle
     flame_softness: float = 0.56  # width of its edge over its radius
-    # Median levels over the wall's. They are darker than the wall, "relatively dark" (sec. 5.2.4),
-    # and lighter than the inlet plate before which they were marked by hand (Table 5.15).
+    # Median levels over the wall's. They are darker than the wall, "relatively dark"
+    # (sec. 5.2.4), and lighter than the inlet plate before which they were marked by
+    # hand (Table 5.15).
     bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.6), ("PE granule", 0.7))
     body_spread: float = 0.25  # of their logarithm
     tumble: float = 0.4  # amplitude of an unlit level over its mean
@@ -66,7 +72,9 @@ class Optics:
 
     def noise(self, level: npt.ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""
-        return np.sqrt(self.read_noise**2 + self.shot_gain * np.asarray(level, dtype=np.float64))
+        return np.sqrt(
+            self.read_noise**2 + self.shot_gain * np.asarray(level, dtype=np.float64)
+        )
 
 
 class Looks(NamedTuple):
@@ -92,14 +100,19 @@ class Looks(NamedTuple):
         The shutter averages what is faster.
         """
         hertz = self.hertz[rows]
-        waves = np.cos(2 * np.pi * hertz * time_s + self.phase[rows]) * np.sinc(hertz * shutter_s)
+        waves = np.cos(2 * np.pi * hertz * time_s + self.phase[rows]) * np.sinc(
+            hertz * shutter_s
+        )
         strength = self.strength[rows]
-        return np.exp(strength * waves.sum(-1) * np.sqrt(2 / SINES) - np.square(strength) / 2).T
+        return np.exp(
+            strength * waves.sum(-1) * np.sqrt(2 / SINES) - np.square(strength) / 2
+        ).T
 
 
 def draw_looks(fractions: npt.NDArray[np.object_], optics: Optics, seed: int) -> Looks:
     """Draw how the particles of a scene look."""
-    n, generator = len(fractions), np.random.default_rng([seed, 202])
+    n = len(fractions)
+    generator = np.random.default_rng([seed, 202])
     standard = generator.standard_normal(n)
     level = optics.paper * np.exp(optics.paper_spread * standard)
     for name, median in optics.bodies:

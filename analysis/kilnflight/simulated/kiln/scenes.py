@@ -1,8 +1,9 @@
 """The scenes of the thesis and variations: five labelled subsets and eight campaigns.
 
-``open_scene(name)`` gives the recording. Lengths, frame rates and labelled particles are published
-(sections 5.1.1, 5.2.3, appendix A.1, Tables 5.2 and 5.3). The number of fed particles is not: that
-of the campaigns follows from the trajectories in the windows of Table 5.15.
+``open_scene(name)`` gives the recording. Lengths, frame rates and labelled particles
+are published (sections 5.1.1, 5.2.3, appendix A.1, Tables 5.2 and 5.3). The number of
+fed particles is not: that of the campaigns follows from the trajectories in the windows
+of Table 5.15.
 """
 
 from __future__ import annotations
@@ -31,16 +32,18 @@ PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
 FRAMES = 160  # of a subset
 RATE_HZ = 330.0  # sec. 2.1.4
-PE_RATE_HZ, PE_EXPOSURE_S = 153.85, 6.0e-3  # small transparent granules need light (sec. 5.2.3)
-# Labelled particles in ten frames: all (Table 5.2), and within the region of interest (Table 5.3)
+PE_RATE_HZ = 153.85
+PE_EXPOSURE_S = 6.0e-3  # small transparent granules need light (sec. 5.2.3)
+# Labelled particles in ten frames: all (Table 5.2), and within the region of interest
+# (Table 5.3)
 COUNTS: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {
     BURNING: ((600, 427, 161, 1150, 116), (554, 307, 119, 1066, 109)),
     UNLIT: ((335, 143, 145, 167, 676), (287, 118, 140, 158, 629)),
     ON_WALL: ((248, 469, 313, 631, 120), (179, 188, 123, 362, 48)),
 }
 
-# Windows of Table 5.15: trajectories and frames. A trajectory counts when any part lies in the
-# window. `STARTS` are the first frames in the thesis's recordings.
+# Windows of Table 5.15: trajectories and frames. A trajectory counts when any part lies
+# in the window. `STARTS` are the first frames in the thesis's recordings.
 WINDOWS: dict[str, tuple[int, int]] = {
     "wood chip": (7, 300),
     "confetti": (37, 300),
@@ -60,7 +63,8 @@ LENGTHS: dict[str, tuple[int, int]] = {
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
     """Return a labelled subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
-    k, counts = SUBSETS.index(name), []
+    k = SUBSETS.index(name)
+    counts = []
     for kind, (everywhere, within) in COUNTS.items():
         counts.append((kind, (within[k], everywhere[k] - within[k])))
     number = 1000 * seed + k + 1
@@ -75,12 +79,13 @@ def campaign_name(fraction: str, pressure_bar: float) -> str:
 def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     """Return the recording of one fraction at one pressure, as long as the thesis's.
 
-    Particles per second are the trajectories of Table 5.15 over the time in which they can have
-    begun: the window and a median dwell time.
+    Particles per second are the trajectories of Table 5.15 over the time in which they
+    can have begun: the window and a median dwell time.
     """
     place = (list(FRACTIONS).index(fraction), PRESSURES_BAR.index(pressure_bar))
     granules = fraction == "PE granule"
-    frames, rate = LENGTHS[fraction][place[1]], PE_RATE_HZ if granules else RATE_HZ
+    frames = LENGTHS[fraction][place[1]]
+    rate = PE_RATE_HZ if granules else RATE_HZ
     trajectories, window = WINDOWS[fraction]
     return Scene(
         name=campaign_name(fraction, pressure_bar),
@@ -89,7 +94,9 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         frame_rate_hz=rate,
         fraction=fraction,
         pressure_bar=pressure_bar,
-        count=round(trajectories / (window / rate + DWELL_S) * (frames / rate + LEAD_S)),
+        count=round(
+            trajectories / (window / rate + DWELL_S) * (frames / rate + LEAD_S)
+        ),
         calibration=seed,
         optics=Optics(exposure_s=PE_EXPOSURE_S) if granules else Optics(),
     )
@@ -98,14 +105,16 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
 def started_and_whole(
     twin: Twin, starts: npt.ArrayLike, length: int, lasting: int = 15
 ) -> tuple[Index, Index]:
-    """Return how many flights start in so many frames from each start, and how many are whole.
+    """Return how many flights start in so many frames from each start, and how many are
+    whole.
 
-    The lance releases both in these frames. The first fly for ``lasting`` frames of them, the
-    second end in them as well. 15 is the time of
+    The lance releases both in these frames. The first fly for ``lasting`` frames of
+    them, the second end in them as well. 15 is the time of
     `kilnflight.experiments.flights.track_scores.lasting`.
     """
     begin = np.asarray(starts)[:, None]
-    table, rate = twin.life.table, twin.scene.frame_rate_hz
+    table = twin.life.table
+    rate = twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
     seen = np.minimum(ended, begin + length) - released
@@ -117,24 +126,28 @@ def started_and_whole(
 def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     """Return the frames of a campaign on which its tracking is scored (Table 5.15).
 
-    The thesis marks "complete" trajectories that start at the lance (section 5.2.1, Fig. 5.12),
-    and prints their number and the frames. Fed in bursts, the same frames of another recording
-    hold another number. So of all windows of that length the one is taken whose number of whole
-    flights is nearest. Among equals come those that cut the fewest flights, then the one that
-    starts nearest to the published frame. Windows start at every tenth frame. Only the truth is
-    used, no picture: of those counted, a few may be too faint to be followed by hand.
+    The thesis marks "complete" trajectories that start at the lance (section 5.2.1,
+    Fig. 5.12), and prints their number and the frames. Fed in bursts, the same frames
+    of another recording hold another number. So of all windows of that length the one
+    is taken whose number of whole flights is nearest. Among equals come those that cut
+    the fewest flights, then the one that starts nearest to the published frame. Windows
+    start at every tenth frame. Only the truth is used, no picture: of those counted, a
+    few may be too faint to be followed by hand.
 
-    In a window shorter than a median flight few can be whole. That is so for the 100 frames of
-    paper shreds, or 0.3 s. There all flights that start count. With ``by_starts`` they count in
-    all windows, cut or not.
+    In a window shorter than a median flight few can be whole. That is so for the 100
+    frames of paper shreds, or 0.3 s. There all flights that start count. With
+    ``by_starts`` they count in all windows, cut or not.
     """
     fraction = twin.scene.fraction
     if fraction not in WINDOWS:
-        raise InputError(f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign.")
+        raise InputError(
+            f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign."
+        )
     trajectories, length = WINDOWS[fraction]
     starts = np.arange(0, len(twin) - length + 1, 10)
     started, whole = started_and_whole(twin, starts, length)
-    counted, cut = whole, started - whole
+    counted = whole
+    cut = started - whole
     if by_starts or length < DWELL_S * twin.scene.frame_rate_hz:
         counted = started
     if by_starts:
@@ -146,7 +159,9 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
 
 def downscaled(scene: Scene) -> Scene:
     """Return a scene for trials: a camera with a quarter of the rows and columns."""
-    place, around, depth = scene.geometry, scene.interior, scene.depth
+    place = scene.geometry
+    around = scene.interior
+    depth = scene.depth
     pixel = (place.lance_pixel[0] / 4, place.lance_pixel[1] / 4)
     top, bottom, left, right = (edge // 4 for edge in around.flame_roi)
     return replace(
@@ -158,7 +173,9 @@ def downscaled(scene: Scene) -> Scene:
             rows=place.rows // 4,
             columns=place.columns // 4,
         ),
-        interior=replace(around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4),
+        interior=replace(
+            around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4
+        ),
         depth=replace(depth, wall_points=depth.wall_points // 16),
     )
 
@@ -196,7 +213,8 @@ def scene_name(plain: str, scenario: str = "base") -> str:
 
 
 def open_scene(name: str, seed: int | None = None) -> Twin:
-    """Return the recording of a scene; ``name@scenario`` varies it, ``+`` joins scenarios.
+    """Return the recording of a scene; ``name@scenario`` varies it, ``+`` joins
+    scenarios.
 
     Raises
     ------
@@ -211,11 +229,14 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     plain, _, joined = name.partition("@")
     scenarios = joined.split("+") if joined else []
     runs = product(FRACTIONS, PRESSURES_BAR)
-    campaigns = {campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs}
+    campaigns = {
+        campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs
+    }
     if plain not in (*SUBSETS, *campaigns) or not SCENARIOS.keys() >= set(scenarios):
         raise InputError(
-            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each also "
-            f"with variants behind @, such as V1@no-clutter+small: {', '.join(SCENARIOS)}."
+            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each "
+            "also with variants behind @, such as V1@no-clutter+small: "
+            f"{', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if not 0 <= number < 2**63:
@@ -230,9 +251,9 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
 def cached_scene(name: str, seed: int | None = None) -> Twin:
     """Return the recording of a scene as `open_scene` does, sooner.
 
-    Wall and pixels with depth depend on the scene alone and take seconds. They are kept in
-    data/derived, under the hash of the scene and of the twin's code. Frames are the same to the
-    bit.
+    Wall and pixels with depth depend on the scene alone and take seconds. They are kept
+    in data/derived, under the hash of the scene and of the twin's code. Frames are the
+    same to the bit.
 
     Raises
     ------
@@ -240,7 +261,10 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
         As `open_scene`, or if the kept file cannot be read.
     """
     twin = open_scene(name, seed)
-    if name.partition("@")[2] not in ("", "small"):  # others are used once, and there are many
+    if name.partition("@")[2] not in (
+        "",
+        "small",
+    ):  # others are used once, and there are many
         return twin
     text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
     kept = f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"

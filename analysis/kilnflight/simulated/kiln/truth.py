@@ -1,7 +1,7 @@
 """The truth of a recording of the twin, and the true values of its flights.
 
-Values of flights need no picture: every particle counts, also one that no camera could have
-seen. Their distances are along the kiln from the lance.
+Values of flights need no picture: every particle counts, also one that no camera could
+have seen. Their distances are along the kiln from the lance.
 """
 
 from __future__ import annotations
@@ -24,20 +24,30 @@ from kilnflight.simulated.kiln.picture import VISIBLE_PX
 from kilnflight.simulated.kiln.scene import SceneView, Twin
 from kilnflight.store.cache import CachedTable
 
-# A person who notes positions on an 8-bit screen recognises an object at a contrast of 5 % (WMO,
-# meteorological optical range); assumption. The wall has 78 of 255 steps, so that is 4.
+# A person who notes positions on an 8-bit screen recognises an object at a contrast of
+# 5 % (WMO, meteorological optical range); assumption. The wall has 78 of 255 steps, so
+# that is 4.
 NOTED_STEPS = 4
-CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
+CLASSES = {
+    2: "burning in air",
+    3: "non-burning in air",
+    4: "burning on the wall",
+}  # Table 5.1
 
 
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
     """Return both tables of the truth by name, for all frames or some."""
     frames = range(len(twin)) if frames is None else frames
     if not frames or frames[0] < 0 or frames[-1] >= len(twin):
-        raise InputError(f"scene {twin.scene.name}: it has frames 0 to {len(twin) - 1}.")
+        raise InputError(
+            f"scene {twin.scene.name}: it has frames 0 to {len(twin) - 1}."
+        )
     bar = tqdm(frames, desc=f"truth of {twin.scene.name}", unit="frame", disable=None)
     parts = [sightings(twin, t) for t in bar]
-    return {"particles": particles(twin), "sightings": pd.concat(parts, ignore_index=True)}
+    return {
+        "particles": particles(twin),
+        "sightings": pd.concat(parts, ignore_index=True),
+    }
 
 
 def particles(twin: Twin) -> pd.DataFrame:
@@ -47,12 +57,14 @@ def particles(twin: Twin) -> pd.DataFrame:
     -------
     DataFrame
         The columns of `kilnflight.simulated.kiln.life.Life`, and ``crossing_1m_s`` ...
-        ``crossing_5m_s``: when the particle first was that far from the lance along the kiln, in s
-        from its release; NaN if never.
+        ``crossing_5m_s``: when the particle first was that far from the lance along the
+        kiln, in s from its release; NaN if never.
     """
     table = twin.life.table.copy()
     crossed = twin.life.flights.crossings()
-    return table.assign(**{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(METRES)})
+    return table.assign(
+        **{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(METRES)}
+    )
 
 
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
@@ -67,17 +79,18 @@ def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
 
 
 def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
-    """Return what is `marked` in frames, with the places that a person notes for tracking.
+    """Return what is `marked` in frames, with the places that a person notes for
+    tracking.
 
-    Section 5.2.1: positions are noted by hand, NaN where a particle is invisible. Fig. 5.11 has
-    means of 14 to 31 pixels.
+    Section 5.2.1: positions are noted by hand, NaN where a particle is invisible. Fig.
+    5.11 has means of 14 to 31 pixels.
 
     Returns
     -------
     DataFrame
-        The rows of `marked` with ``noted_row`` and ``noted_col``: the centroid, in px, of the
-        pixels in which the particle is lighter than the kiln behind it by `NOTED_STEPS` of 255.
-        NaN with fewer than `VISIBLE_PX` of them.
+        The rows of `marked` with ``noted_row`` and ``noted_col``: the centroid, in px,
+        of the pixels in which the particle is lighter than the kiln behind it by
+        `NOTED_STEPS` of 255. NaN with fewer than `VISIBLE_PX` of them.
     """
     parts = []
     for t in frames:
@@ -93,7 +106,9 @@ def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
 
     ``empty`` (rows, columns) is the picture without particles. See `noted`.
     """
-    recorded = [np.minimum(picture, FULL_SCALE).ravel() for picture in (view.picture, empty)]
+    recorded = [
+        np.minimum(picture, FULL_SCALE).ravel() for picture in (view.picture, empty)
+    ]
     place = view.pixels.place
     lighter = recorded[0].take(place) - recorded[1].take(place)
     light = np.flatnonzero(view.shown & (lighter >= NOTED_STEPS * FULL_SCALE / 255))
@@ -101,7 +116,9 @@ def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
     count = np.bincount(blob, minlength=len(view.visible)).astype(np.float64)
     count[count < VISIBLE_PX] = np.nan
     row, col = np.divmod(place[light], empty.shape[1])
-    return np.bincount(blob, row, len(count)) / count, np.bincount(blob, col, len(count)) / count
+    return np.bincount(blob, row, len(count)) / count, np.bincount(
+        blob, col, len(count)
+    ) / count
 
 
 def at_notes(table: pd.DataFrame) -> pd.DataFrame:
@@ -113,7 +130,8 @@ def at_notes(table: pd.DataFrame) -> pd.DataFrame:
 def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
     """Return the rows of `marked` particles in the air that have some positions.
 
-    ``shortest`` is their least number: "for some time" (section 5.2.1) is all that was printed.
+    ``shortest`` is their least number: "for some time" (section 5.2.1) is all that was
+    printed.
     """
     flying = table[table["label"] != 4]
     long = flying.groupby("particle")["frame"].transform("size") >= shortest
@@ -151,12 +169,12 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a person
-        would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
-        `kilnflight.simulated.kiln.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``; true
-        ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without flutter, in camera
-        coordinates; ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D
-        available").
+        ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that
+        a person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the
+        rule of `kilnflight.simulated.kiln.picture`; ``label`` as Table 5.1 (2, 3, 4);
+        ``in_roi``; true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ..., without
+        flutter, in camera coordinates; ``has_depth``: at least one valid point on it
+        (as section 5.1.1 counts "3D available").
     """
     view = twin.view(t)
     deep = np.isin(view.moment.particle, twin.particles_with_depth(t, view))
@@ -164,9 +182,13 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
 
 
 def _seen(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
-    """Return the `sightings` of frame ``t`` without ``has_depth``; ``view`` is its picture."""
-    moment, geometry = view.moment, twin.scene.geometry
-    row, col = view.blobs.row, view.blobs.column
+    """Return the `sightings` of frame ``t`` without ``has_depth``; ``view`` is its
+    picture.
+    """
+    moment = view.moment
+    geometry = twin.scene.geometry
+    row = view.blobs.row
+    col = view.blobs.column
     count = np.bincount(view.pixels.blob[view.shown], minlength=len(moment.particle))
     place = geometry.to_camera(moment.position_m)
     velocity = moment.velocity_m_s @ geometry.axes
@@ -202,8 +224,8 @@ def metre_velocities(flights: Flights) -> Array:
 def true_flight_values(flights: Flights) -> FlightValues:
     """Return the true values of the flights, particle by particle.
 
-    A dwell time ends by landing or burning out (sec. 5.3.1). What leaves the kiln or still flies
-    has none: it is lost at the end of its flight.
+    A dwell time ends by landing or burning out (sec. 5.3.1). What leaves the kiln or
+    still flies has none: it is lost at the end of its flight.
     """
     complete = np.isin(flights.end, (LANDED, BURNT_OUT))
     return FlightValues(
