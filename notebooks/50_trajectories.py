@@ -202,7 +202,7 @@ figures.save("order-gains", gains.round(5), caption=caption, provenance=origin)
 # %% tags=["hide-input"]
 size = {"width_mm": style.PAGE_MM, "height_mm": 110}
 picture, grid = style.canvas(2, 2, **size, subplot_kw={"projection": "3d"})
-picture.set_layout_engine("none")
+picture.set_layout_engine(None)  # else the margins do not apply
 picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
 parts = {}
 chosen = [each for each in results.campaigns if each.pressure_bar == 4.5]

@@ -92,6 +92,12 @@ def share(number: int, counted: int) -> Interval:
     """Return the share ``number`` of ``counted`` with its interval (Wilson 1927).
 
     Shares are 0 to 1. With ``counted`` 0 the share is NaN and the interval 0 to 1.
+
+    Examples
+    --------
+    >>> none = share(0, 40)
+    >>> none.estimate, round(none.high, 3)
+    (0.0, 0.088)
     """
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:

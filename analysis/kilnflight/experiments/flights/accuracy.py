@@ -64,21 +64,14 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         (`kilnflight.simulated.kiln.truth.true_trajectories`).
     """
     life = campaigns.twin_of(campaign).life
-    flights = life.flights
-    ending = life.table["end"]
-    particle = life.table["particle"]
+    names = {"end": "ending", "end_s": "dwell_s"}
+    table = life.table[["particle", *names, "ignition_s"]].rename(columns=names)
+    complete = table["ending"].isin([LANDED, BURNT_OUT])
     seen = campaigns.true_positions(campaign)["particle"]
-    table = pd.DataFrame(
-        {
-            "particle": particle,
-            "ending": ending,
-            "dwell_s": np.where(
-                ending.isin([LANDED, BURNT_OUT]), flights.end_s, np.nan
-            ),
-            "velocity_m_s": metre_velocities(flights)[:, 0],
-            "ignition_s": flights.ignition_s,
-            "measurable": particle.isin(seen),
-        }
+    table = table.assign(
+        dwell_s=table["dwell_s"].where(complete),
+        velocity_m_s=metre_velocities(life.flights)[:, 0],
+        measurable=table["particle"].isin(seen),
     )
     return table[campaigns.whole_flights(campaign)].reset_index(drop=True)
 

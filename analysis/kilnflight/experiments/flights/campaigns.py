@@ -22,7 +22,6 @@ import pandas as pd
 from kilnflight import chain, regression
 from kilnflight.arrays import Array
 from kilnflight.chain import Chain, DetectionRun
-from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments.detection import labelled
@@ -49,7 +48,6 @@ from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.simulated.kiln.scenes import (
     PRESSURES_BAR,
     campaign_name,
-    open_scene,
     scene_name,
 )
 from kilnflight.store.cache import CachedTable
@@ -196,10 +194,6 @@ def campaigns(
     keys
         Fraction and pressure of some; None: all of the scale.
     """
-    if scale not in FRAMES:
-        raise InputError(
-            f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}."
-        )
     recorded = []
     for fraction, bar in keys or CAMPAIGNS[scale]:
         run = _run(campaign_name(fraction, bar), scale, settings, seed, scenario)
@@ -212,7 +206,7 @@ def _run(
 ) -> Chain:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
-    twin = open_scene(source.name, seed)
+    twin = source.recording()
     count = FRAMES[scale] or len(twin)
     frames = busiest(
         twin.life.release_s,
