@@ -157,7 +157,7 @@ for each in subsets:
     kept = each._replace(recording=Kept(each.recording))
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
-        found[reading, name, each.name] = labelled.run([kept], methods, model)
+        found[reading, name, each.name] = labelled.score_methods([kept], methods, model)
 parts = []
 tuned_parts = []
 for reading, name in product(readings, models):

@@ -23,7 +23,11 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 # %%
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pandas as pd
+from scipy.spatial import KDTree
+from skimage.feature import blob_dog
 
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.combination import Combination
@@ -44,7 +48,7 @@ subsets = labelled.labelled_subsets(scale, seed, frames)
 # threshold is measured on every fifth frame.
 
 # %%
-otsu = labelled.run(subsets, {"Otsu": labelled.from_foreground(Otsu())})
+otsu = labelled.score_methods(subsets, {"Otsu": labelled.from_foreground(Otsu())})
 tried = labelled.compare_thresholds(subsets, scale)
 thresholds = {
     *labelled.tried_thresholds(scale),
@@ -54,10 +58,48 @@ single = {
     value: labelled.from_foreground(labelled.sift(float(value))) for value in thresholds
 }
 few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
-times = labelled.run(few, single).rename(columns={"method": "threshold"})
+times = labelled.score_methods(few, single).rename(columns={"method": "threshold"})
 seconds = times.groupby(["subset", "threshold"])["seconds"].median()
 sift = tried[tried["chosen"]].drop(columns="seconds").assign(method="SIFT")
 sift = sift.join(seconds, on=["subset", "threshold"])
+
+# %% [markdown]
+# ## DoG beside scikit-image and OpenCV
+#
+# `blob_dog` takes the same differences of 16 bits, on one octave and without Eq. 2.28:
+# it finds our keypoints, and edges. OpenCV takes 8 bits, doubles the picture and adds
+# dark spots, so that it agrees less. A keypoint agrees if theirs is within 2 px.
+
+# %%
+_, view = next(labelled.subset_views(subsets[0]))
+part = view.foreground[500:1000, 700:1400]
+step = 2 ** (1 / 3)  # k of Eq. 2.23
+contrast = 3 * 500.0 / part.max()  # OpenCV divides by the three layers
+peer = cv2.SIFT_create(contrastThreshold=contrast, edgeThreshold=labelled.EDGE)
+
+
+def find_blobs(part):
+    """Return row, col and sigma of the blobs of scikit-image above 500 grey values."""
+    sigmas = {"min_sigma": 1.6, "max_sigma": 16.0, "sigma_ratio": step}
+    picture = part.astype(np.float64)
+    return blob_dog(picture, threshold=500.0 / (step - 1), overlap=1.0, **sigmas)
+
+
+def find_opencv(part):
+    """Return row and col of the keypoints of OpenCV."""
+    eight_bits = np.uint8(np.rint(part * (255 / part.max())))
+    return np.array([point.pt[::-1] for point in peer.detect(eight_bits)])
+
+
+finders = {"ours": labelled.sift(500.0), "blob_dog": find_blobs, "OpenCV": find_opencv}
+timed = {name: labelled.timed(find, part) for name, find in finders.items()}
+ours = timed["ours"][0][:, :2]
+rows = []
+for name, (found, spent) in timed.items():
+    near = KDTree(found[:, :2]).query(ours)[0] <= 2.0
+    row = {"finder": name, "keypoints": len(found), "seconds": spent}
+    rows.append(row | {"of_ours": near.mean()})
+pd.DataFrame(rows)
 
 # %%
 of_otsu = summaries.with_total(otsu, ["subset"])
@@ -197,7 +239,7 @@ def both_with(rule, subsets=subsets):
     tried = labelled.compare_thresholds(subsets, scale, rule)
     of_sift = tried[tried["chosen"]].assign(method="SIFT")
     return pd.concat(
-        [labelled.run(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True
+        [labelled.score_methods(subsets, {"Otsu": of_otsu}), of_sift], ignore_index=True
     )
 
 

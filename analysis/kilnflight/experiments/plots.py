@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -19,6 +20,7 @@ from kilnflight.publication.style import (
     BOXES,
     COLOURS,
     HATCHES,
+    LINES,
     PAGE_MM,
     PUBLISHED,
     PUBLISHED_BAR,
@@ -296,6 +298,85 @@ def draw_keypoints_and_clusters(
     draw_circles(axes, keypoints, COLOURS[5])
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
+    return picture
+
+
+def draw_cloud(
+    wall: pd.DataFrame, particles: pd.DataFrame, marked: pd.DataFrame
+) -> Figure:
+    """Draw a point cloud in space, and one particle of it enlarged (Fig. 2.12).
+
+    Parameters
+    ----------
+    wall
+        ``x``, ``y``, ``z`` in mm and ``gray`` of the points that show no particle.
+    particles
+        Points of the particles, likewise.
+    marked
+        Points of the particle that is circled and enlarged, likewise.
+    """
+    axis = ["x", "y", "z"]
+    picture = plt.figure(figsize=(PAGE_MM / 25.4, 85 / 25.4), layout="none")
+    plt.close(picture)
+    room: Any = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
+    points: dict[str, Any] = {"depthshade": False, "linewidths": 0}
+    gray = np.sqrt(wall["gray"])
+    bright = 1.25 * gray.quantile(0.99)  # white points would vanish on paper
+    look: dict[str, Any] = {
+        "c": gray,
+        "cmap": "gray",
+        "s": 0.8,
+        "vmin": 0,
+        "vmax": bright,
+    }
+    room.scatter(*upright(wall[axis]), **look, **points)
+    room.scatter(*upright(particles[axis]), s=1.2, color=COLOURS[2], **points)
+    ring: dict[str, Any] = {
+        "s": 160,
+        "lw": 1.4,
+        "ec": COLOURS[1],
+        "fc": "none",
+        "depthshade": False,
+    }
+    room.scatter(*upright(marked[axis].mean().to_numpy()), **ring)
+    label_camera_space(room)
+    room.set_box_aspect((1.9, 1, 1), zoom=1.15)
+    room.view_init(elev=18, azim=-60)
+    _enlarge(picture, marked)
+    return picture
+
+
+def _enlarge(picture: Figure, marked: pd.DataFrame) -> None:
+    """Draw the points of one particle at the right of a picture, with their depth."""
+    axes = picture.add_axes((0.73, 0.2, 0.24, 0.64))
+    beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
+    depth = marked["z"] / 1000
+    dots = axes.scatter(beside["x"], beside["y"], c=depth, s=9, cmap="viridis")
+    axes.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
+    axes.set(aspect="equal", title="the marked particle")
+    axes.margins(0.15)
+    axes.locator_params(axis="x", nbins=3)
+    axes.locator_params(axis="y", nbins=5)
+    below: dict[str, Any] = {"location": "bottom", "pad": 0.25, "shrink": 0.9}
+    picture.colorbar(dots, ax=axes, label="depth z (m)", **below)
+
+
+def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
+    """Draw sorted k-distances of a cloud, with values of eps in mm (Fig. 2.19).
+
+    ``curves`` has ``point``, a rank, and a column ``distance_k_mm`` for each k.
+    """
+    picture, ((axes,),) = canvas()
+    for name, line in zip(curves.columns[1:], LINES, strict=False):
+        k = name.split("_")[1]
+        axes.loglog(curves["point"], curves[name], ls=line, label=f"k = {k}")
+    for value in eps_mm:
+        axes.axhline(value, color="0.7", lw=0.5, ls="-")
+        axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
+    axes.set(xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
+    axes.legend()
     return picture
 
 

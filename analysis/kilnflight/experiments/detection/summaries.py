@@ -64,6 +64,11 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def f1_by_method(table: pd.DataFrame) -> pd.Series:
+    """Sum the counts of `labelled.score_methods`; return F1 by method."""
+    return sum_counts(table, ["method"]).set_index("method")["f1"]
+
+
 def resampled_rates(
     table: pd.DataFrame, seed: int, draws: int = DRAWS
 ) -> dict[str, pd.DataFrame]:
