@@ -7,13 +7,12 @@ sentences that a table can confirm or refute are in data/reference/statements.cs
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.camera import EQUATION_2_4, PLATE_DISTANCES_MM, invert_depth
 from kilnflight.publication import claims
 from kilnflight.scores import rates
 from kilnflight.store import paths
@@ -227,119 +226,6 @@ def check_durations() -> Iterator[Check]:
         yield check._replace(consequence="no")
 
 
-def recomputed_statements() -> dict[str, float]:
-    """Return the value of the tables for each sentence of statements.csv, by id.
-
-    Units are those of the sentence: F1, points of F1, seconds, mm, m or percent.
-    """
-    return {
-        **_picture_statements(),
-        **_cloud_statements(),
-        **_combination_statements(),
-        **_time_statements(),
-        **_wall_statements(),
-        **_depth_statements(),
-        **_tracking_statements(),
-        "wood-5-bar": 100.0 - 6.0,  # the 6 % that section 5.3.1 reports as landed
-        "lance-bore": lance_bores_apart(),
-    }
-
-
-def _picture_statements() -> dict[str, float]:
-    """Recompute the sentences on Otsu's method and SIFT (sections 5.1.2 and 5.1.3)."""
-    otsu = recomputed_rates("5.5")["f1"]
-    sift = recomputed_rates("5.6")["f1"]
-    chosen = recomputed_rates("5.11")["f1"]["2D-SIFT"]
-    fixed = 0.8592  # of the median filter, Fig. 5.4
-    return {
-        "otsu-v5": otsu["V5"],
-        "sift-otsu-v5": sift["V5"] - otsu["V5"],
-        "dog-threshold": chosen - fixed,
-    }
-
-
-def _cloud_statements() -> dict[str, float]:
-    """Recompute the sentences on the three clusterers (section 5.1.3)."""
-    dbscan, mo, qcc = (recomputed_rates(table) for table in ("5.8", "5.9", "5.10"))
-    best = [table["f1"].max() for table in (dbscan, mo, qcc)]
-    f1 = qcc["f1"]
-    effect_20 = f1["K=20, alpha=0.1"] - f1["K=20, alpha=0.2"]
-    effect_30 = f1["K=30, alpha=0.1"] - f1["K=30, alpha=0.2"]
-    return {
-        "qcc-best": best[2],
-        "three-d-best": best[2] - best[0],
-        "three-d-gap": max(best) - min(best),
-        "qcc-alpha": effect_30 - effect_20,
-        "dbscan-precise": dbscan["precision"].max(),
-    }
-
-
-def _combination_statements() -> dict[str, float]:
-    """Recompute the gain in F1 of the six combinations, in points (Table 5.11)."""
-    f1 = recomputed_rates("5.11")["f1"]
-    combined = f1.filter(like="Combi")
-    alone = f1["2D-" + combined.index.str[6:10]]
-    gain = 100 * (combined.to_numpy() - alone.to_numpy())
-    return {
-        "combined-gain-low": float(gain.min()),
-        "combined-gain-high": float(gain.max()),
-        "combined-gain-mean": float(gain.mean()),
-    }
-
-
-def _time_statements() -> dict[str, float]:
-    """Recompute the differences of computation times in s (section 5.1.3)."""
-    sift = claims.published("table_5.7").set_index("dog_local_max")
-    dbscan = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])
-    qcc = claims.published("table_5.10").set_index(["K", "alpha"])
-    sift_s = sift["computation_time_s"]
-    dbscan_s = dbscan["time_per_image_s"]
-    qcc_s = qcc["time_per_image_s"]
-    return {
-        "sift-time": sift_s[900] - sift_s[1000],
-        "dbscan-time": dbscan_s[10, 50] - dbscan_s[6, 50],
-        "qcc-time": qcc_s[20, 0.1] - qcc_s[20, 0.2],
-    }
-
-
-def _wall_statements() -> dict[str, float]:
-    """Recompute the sentences on particles in the air and on the wall (5.1.4)."""
-    marked = printed_rates("5.13")[COUNTS].astype(float).T["Total"]
-    detected = printed_rates("5.14")[COUNTS].astype(float).T["Total"]
-    return {
-        "false-positives-wall": detected["FP"] - marked["FP"],
-        "air-misclassified": 100 * marked["FN"] / (marked["TP"] + marked["FN"]),
-    }
-
-
-def _depth_statements() -> dict[str, float]:
-    """Recompute the sentences on the depth of the plate and Eq. 2.4 (section 2.1.5)."""
-    # the plates stand at 1, 2, ... 11 m
-    bias = np.abs(invert_depth(PLATE_DISTANCES_MM) - PLATE_DISTANCES_MM)
-    jumps = EQUATION_2_4.jumps()
-    return {
-        "depth-centimetres": float(bias[2:5].max()),
-        "depth-middle": float(bias[5:8].mean()) / 1000,
-        "depth-far": float(bias[8:].max() - bias[7]),
-        "depth-jump-3000": float(jumps[0]),
-        "depth-jump-5000": float(jumps[1]),
-        "depth-falls": float(np.ptp(EQUATION_2_4.falling(1300.0, 11000.0))),
-    }
-
-
-def _tracking_statements() -> dict[str, float]:
-    """Recompute the sentences on the scores of Table 5.17 in percent and points."""
-    printed = claims.published("table_5.17").set_index(["fraction", "algorithm"])
-    without = printed[printed["post_processing"] == "without"]
-    raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
-    theta = printed[printed["measure"] == "JSC_theta"]
-    gain = theta.pivot(columns="post_processing", values="value")
-    return {
-        "tracking-raw": 100.0 * float(raw.between(0.2, 0.3).mean()),
-        "tracking-gain": 100.0 * float((gain["with"] - gain["without"]).max()),
-    }
-
-
 def lance_bores_apart() -> float:
     """Compute the gap in mm between two bores of the lance; 0 if they overlap.
 
@@ -355,8 +241,8 @@ def lance_bores_apart() -> float:
     return max(float(low.max() - high.min()), 0.0)
 
 
-def check_statements() -> Iterator[Check]:
-    """Check the sentences of statements.csv against `recomputed_statements`.
+def check_statements(values: Mapping[str, float]) -> Iterator[Check]:
+    """Check the sentences of statements.csv against recomputed values by id.
 
     Sentences about words have no recomputed number. They carry their correction
     instead, and count as wrong.
@@ -364,7 +250,6 @@ def check_statements() -> Iterator[Check]:
     table = pd.read_csv(
         paths.reference() / "statements.csv", dtype=str, keep_default_na=False
     )
-    values = recomputed_statements()
     row: Any
     for row in table.itertuples():
         value = values.get(row.id, row.should_be)
@@ -378,8 +263,13 @@ def check_statements() -> Iterator[Check]:
         )
 
 
-def recompute() -> pd.DataFrame:
-    """Return every check, one row each.
+def recompute(statements: Mapping[str, float]) -> pd.DataFrame:
+    """Recompute every number that others determine, one row each.
+
+    Parameters
+    ----------
+    statements
+        Value of the tables for each sentence of statements.csv, by id.
 
     Returns
     -------
@@ -387,9 +277,13 @@ def recompute() -> pd.DataFrame:
         The fields of `Check`, and ``kind``: a printed "number", or a "sentence", which
         includes signs, bounds and captions.
     """
-    steps = (check_rates, check_sums, check_totals, check_durations, check_statements)
-    table = pd.DataFrame(
-        [check for step in steps for check in step()], columns=Check._fields
-    )
+    checks = [
+        *check_rates(),
+        *check_sums(),
+        *check_totals(),
+        *check_durations(),
+        *check_statements(statements),
+    ]
+    table = pd.DataFrame(checks, columns=Check._fields)
     is_number = table["printed"].str.fullmatch(r"\d+(\.\d+)?%?")
     return table.assign(kind=np.where(is_number, "number", "sentence"))
