@@ -18,9 +18,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames that choose the threshold
 seed = 0  # of the scene
-frames = (
-    0  # labelled frames per subset that choose the threshold; 0: 1, 1 or 10 by scale
-)
+frames = 0  # labelled frames that choose the threshold; 0: 1, 1 or 10 by scale
 
 # %%
 import numpy as np
