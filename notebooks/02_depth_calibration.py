@@ -102,6 +102,7 @@ def captured_mm(true_mm):
     return np.interp(true_mm, knots, [first, *captured, last])
 
 
+# %%
 def see_plate(distance_mm, points, generator):
     """Return captured positions (points, 3) in mm of the test plate at one distance."""
     geometry = Geometry()

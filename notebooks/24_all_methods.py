@@ -332,6 +332,7 @@ def falls(group, rate):
     return claims.beyond(-group.high[rate], -group.low[rate])
 
 
+# %%
 def judge_gains(attempts):
     """Return the verdicts on groups of methods."""
     by_pair = compare_groups(attempts).groupby(["first", "second"])
@@ -365,11 +366,11 @@ def judge_gains(attempts):
     ]
 
 
+# %%
 def judge(attempts):
     return [*judge_methods(attempts), *judge_gains(attempts)]
 
 
-# %%
 checks = judge(attempts)
 compared = []
 for choice, others in every[every["reading"] != "ours"].groupby("reading"):
