@@ -200,7 +200,7 @@ def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
     """
     place = np.arange(len(table))
     f1 = table["f1"]
-    reach = [f1 - table["f1_low"], table["f1_high"] - f1]
+    reach = table[["f1_low", "f1_high"]].sub(f1, axis=0).abs().to_numpy().T
     points: dict[str, Any] = {
         "fmt": "o",
         "color": "black",
