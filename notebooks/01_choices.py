@@ -102,17 +102,15 @@ rows = {}
 for each in choices.compared():
     for claim, both in each["turns"].items():
         ours, _, other = both.partition(" -> ")
-        row = {
+        rows[each["id"], claim, other] = {
             "choice": each["id"],
             "decided_by": decided_by[each["id"]],
             "claim": claim,
-        }
-        row |= {
             "ours": ours,
             "other": other,
-            **judged.loc[claim, ["verdict", "published"]],
+            "verdict": judged["verdict"][claim],
+            "published": judged["published"][claim],
         }
-        rows[each["id"], claim, other] = row
 names = ["choice", "decided_by", "claim", "ours", "other", "verdict", "published"]
 turning = pd.DataFrame(rows.values(), columns=names)
 turning = turning.sort_values("choice", key=in_order, kind="stable", ignore_index=True)
@@ -139,9 +137,10 @@ asked[["id", "where", "not_printed", "chosen"]]
 
 # %%
 in_full = paths.figures() / "absolute-difference.csv"
-pd.read_csv(in_full).query(
-    "subset == 'Total'"
-) if in_full.is_file() else "Run notebook 24."
+shown = "Run notebook 24."
+if in_full.is_file():
+    shown = pd.read_csv(in_full).query("subset == 'Total'")
+shown
 
 # %% [markdown]
 # ## Steps of the work

@@ -86,9 +86,9 @@ PITCH_MM = 28.0  # of the dots
 HALF_PLATE_MM = 420.0  # of the plate, a square; Fig. 2.13 gives no number
 PATCH_PX = 28  # of the picture, over which the error is common; assumption
 WHITE_MM = 0.6  # error of a point; more would contradict Fig. 5.7
-FAR_ERROR = 0.022
-NEAR_MM = (2600.0, 3400.0)
-NEAR_ERROR_MM = 350.0  # relative; ranges of sec. 2.1.5
+FAR_ERROR = 0.022  # of the distance; from the ranges of section 2.1.5
+NEAR_MM = (2600.0, 3400.0)  # distances with an error of its own
+NEAR_ERROR_MM = 350.0  # from the range of section 2.1.5 at 3 m
 TAIL = 4.0  # degrees of freedom of Student's t
 
 
@@ -102,6 +102,7 @@ def captured_mm(true_mm):
     return np.interp(true_mm, knots, [first, *captured, last])
 
 
+# %%
 def see_plate(distance_mm, points, generator):
     """Return captured positions (points, 3) in mm of the test plate at one distance."""
     geometry = Geometry()
@@ -118,10 +119,10 @@ def see_plate(distance_mm, points, generator):
     patch = np.stack([row // PATCH_PX, column // PATCH_PX], axis=1)
     patches, number = np.unique(patch, axis=0, return_inverse=True)
     common = generator.standard_t(TAIL, len(patches)) / np.sqrt(TAIL / (TAIL - 2))
-    near = NEAR_MM[0] < distance_mm < NEAR_MM[1]
-    error = common[number.reshape(-1)] * (
-        NEAR_ERROR_MM if near else FAR_ERROR * distance_mm
-    )
+    spread = FAR_ERROR * distance_mm
+    if NEAR_MM[0] < distance_mm < NEAR_MM[1]:
+        spread = NEAR_ERROR_MM
+    error = common[number.reshape(-1)] * spread
     error = error + WHITE_MM * generator.standard_normal(points)
     return geometry.unproject(row, column, captured_mm(distance_mm + error))
 
@@ -141,14 +142,9 @@ plates["median_error_mm"] = plates["median_mm"] - 1000.0 * metres
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=70)
 clouds = [see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
-for cloud, m in zip(clouds, metres, strict=True):
-    axes.plot(
-        cloud[:, 2] / 1000,
-        cloud[:, 0] / 1000,
-        ".",
-        ms=1,
-        color="k" if m % 2 else "#D55E00",
-    )
+for k, cloud in enumerate(clouds):
+    colour = ("black", style.COLOURS[1])[k % 2]
+    axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color=colour)
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
 caption = (
     "Simulated point clouds of the test plate at 1 m to 11 m, seen from above (Fig. "
@@ -163,12 +159,7 @@ figures.save(
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
 axes.axhline(0, color="0.6", ls="-", label="true depth")
-thin = {
-    "marker": "+",
-    "markersize": 2,
-    "markeredgewidth": 0.4,
-    "markeredgecolor": "0.5",
-}
+thin = {"marker": "+", "ms": 2, "mew": 0.4, "mec": "0.5"}
 boxes = cbook.boxplot_stats((captured - true).T / 1000)
 for box in boxes:  # more outliers would only blacken the picture
     box["fliers"] = np.random.default_rng(seed).permutation(box["fliers"])[:60]

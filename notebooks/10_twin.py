@@ -107,12 +107,8 @@ reached
 # and unlit levels that stay for a whole flight (T7).
 
 # %%
-others = {
-    "ours": "base",
-    "D6": "thin-flames",
-    "D8": "dark-bodies",
-    "T7": "steady-bodies",
-}
+others = {"ours": "base", "D6": "thin-flames", "D8": "dark-bodies"}
+others["T7"] = "steady-bodies"
 lights = {
     name: scenes.SCENARIOS[scenario](prepared[-1][0].scene).optics
     for name, scenario in others.items()
@@ -123,12 +119,13 @@ twin, background = prepared[-1]
 for name, light in lights.items():
     counts = light_fit.compare(light_fit.count(prepared, light, [80]))
     overexposed[name] = float(counts["ours"].iloc[-1])
-    noted = truth.noted(light_fit.with_light(twin, light), range(60, 101, 5)).query(
-        "label == 3"
-    )
-    missed = noted["noted_row"].isna().groupby(noted["particle"]).mean()
-    flickering[name] = f"{missed.between(0, 1, inclusive='neither').mean():.2f}"
-    flickering[name] += f", {noted['noted_row'].notna().mean():.2f}"
+    noted = truth.noted(light_fit.with_light(twin, light), range(60, 101, 5))
+    unlit = noted[noted["label"] == 3]
+    missed = unlit["noted_row"].isna()
+    noted_share = unlit["noted_row"].notna().mean()
+    share_missed = missed.groupby(unlit["particle"]).mean()
+    now_and_then = share_missed.between(0, 1, inclusive="neither").mean()
+    flickering[name] = f"{now_and_then:.2f}, {noted_share:.2f}"
 
 # %%
 spots = {}
@@ -174,8 +171,10 @@ errors = dict(chips.depth.particle_error_mm)
 
 def fitted(scene, law, exit_mm=None, own_mm=None):
     """Return medians of the fits of one run's paths."""
-    exit_mm = Twin(scene).attributes.exit_point_mm if exit_mm is None else exit_mm
-    own_mm = errors[scene.fraction] if own_mm is None else own_mm
+    if exit_mm is None:
+        exit_mm = Twin(scene).attributes.exit_point_mm
+    if own_mm is None:
+        own_mm = errors[scene.fraction]
     flown = identified.true_paths(law, scene, count, seed)
     flown = identified.seen_by_camera(flown, scene, own_mm, seed)
     return identified.fit_medians(flown, exit_mm, scene.frame_rate_hz)
@@ -224,7 +223,7 @@ printed_mm = ours[:, "rmse_z_published"]
 
 
 def variant(choice, key):
-    """Return scene, law and own error (mm) of a run with the other value of a choice."""
+    """Return scene, law and own error (mm) with the other value of a choice."""
     scene = scenes.campaign(*key, seed)
     law = LAWS[key]
     if choice == "D10":

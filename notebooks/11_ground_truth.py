@@ -102,24 +102,14 @@ unlit = marked.query("label == 3 and in_roi")
 generator = np.random.default_rng(seed)
 rows = []
 for name in names:
-    found = (
-        unlit[unlit["subset"] == name]
-        .groupby("particle")["has_depth"]
-        .agg(["sum", "size"])
-    )
+    of_subset = unlit[unlit["subset"] == name].groupby("particle")["has_depth"]
+    found = of_subset.agg(["sum", "size"])
     picked = generator.integers(len(found), size=(DRAWS, len(found)))
     drawn = found.to_numpy()[picked].sum(axis=1)
     low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
     share = found["sum"].sum() / found["size"].sum()
-    rows.append(
-        {
-            "subset": name,
-            "particles": len(found),
-            "share": share,
-            "low": low,
-            "high": high,
-        }
-    )
+    row = {"subset": name, "particles": len(found), "share": share}
+    rows.append(row | {"low": low, "high": high})
 table = pd.DataFrame(rows).assign(share_published=printed[names].to_numpy())
 caption = (
     "Share of the sightings of non-burning particles in the air that have a depth, "
@@ -130,15 +120,15 @@ figures.save("unlit-depth", table, caption=caption, provenance=origin)
 
 
 # %%
-def agrees(row, bound=0.05):
-    """Return whether a share is within a bound of print; None if only its interval
-    meets it.
-    """
-    least = row.share_published - bound
-    most = row.share_published + bound
+def agrees(row):
+    """Return whether a share is within 0.05 of print; None if only its interval is."""
+    least = row.share_published - 0.05
+    most = row.share_published + 0.05
     if least <= row.share <= most:
         return True
-    return False if row.high < least or row.low > most else None
+    if row.high < least or row.low > most:
+        return False
+    return None
 
 
 answers = [agrees(row) for row in table.itertuples()]
@@ -152,8 +142,7 @@ of_depth = claims.check(
 # %% tags=["hide-input"]
 twin = twins[names[0]]
 frame = twin.frame(LABELLED[0])
-size = {"width_mm": style.PAGE_MM, "height_mm": 72}
-picture, ((left, right),) = style.canvas(1, 2, **size)
+picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=72)
 left.imshow(frame.gray, cmap="gray", vmin=0, vmax=65_535, interpolation="bilinear")
 for label, colour in ((2, "#56B4E9"), (3, "#E69F00"), (4, "#CC79A7")):
     left.contour(frame.labels == label, [0.5], colors=colour, linewidths=0.5)
@@ -186,9 +175,8 @@ figures.save(
 
 # %%
 clouds = [calibrated_cloud(twin, LABELLED[0]) for twin in twins.values()]
-near = np.concatenate(
-    [k_distances(cloud, 2) for cloud in clouds]
-)  # the first is the point itself
+# the first neighbour is the point itself
+near = np.concatenate([k_distances(cloud, 2) for cloud in clouds])
 steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()]
 radius = marked["radius_px"].to_numpy()
 
@@ -237,20 +225,15 @@ wall = place.to_kiln(place.unproject(row, column, place.wall_depth(row, column))
 noise = np.random.default_rng(seed).normal(0, 4, row.shape)
 infrared = 1423.0 - 9.0 * (wall[..., 0] - 1.0) ** 2 + noise  # K
 along = np.linspace(-2.0, 2.5, 100)  # m, on the bottom of the wall
-corners = []  # of a strip so narrow that the round wall is flat in it
-for s, x in (
-    (along[0], -0.05),
-    (along[0], 0.05),
-    (along[-1], 0.05),
-    (along[-1], -0.05),
-):
+sides = (-0.05, 0.05, 0.05, -0.05)  # m, so narrow that the round wall is flat
+corners = []
+for s, x in zip(along[[0, 0, -1, -1]], sides, strict=True):
     spot = place.to_camera(np.array([s, x, -np.sqrt(0.7**2 - x**2)]))
     corners.append(tuple(float(v) for v in place.project(spot)))
 columns = 100  # of the rectangle that the strip becomes
 target = [(0, 0), (columns - 1, 0), (columns - 1, len(along) - 1), (0, len(along) - 1)]
-trapezoid = np.array(corners, np.float32)[
-    :, ::-1
-].copy()  # column, row as OpenCV takes them
+# OpenCV takes column, row
+trapezoid = np.array(corners, np.float32)[:, ::-1].copy()
 transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, np.float32))
 equalised = cv2.warpPerspective(
     infrared.astype(np.float32), transform, (columns, len(along))

@@ -39,9 +39,7 @@ frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = labelled.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
-window = labelled.WINDOWS[
-    scale
-]  # as printed in a full run; else few frames are rendered
+window = labelled.WINDOWS[scale]  # as printed in a full run; else few frames
 for name in ("Mean", "Median", "Adaptive"):
     models[name] = replace(models[name], window=min(window, models[name].window))
 
@@ -53,7 +51,7 @@ for name in ("Mean", "Median", "Adaptive"):
 
 # %%
 subset = subsets[1]
-t = subsets[1].frames[0]
+t = subset.frames[0]
 stack = FrameBuffer(subset.recording)
 gray = stack[t]
 roi = subset.recording.attributes.roi
@@ -107,11 +105,13 @@ parameters = pd.DataFrame(
 )
 parameters = parameters.drop(columns="absolute")
 parameters["trace_gray"] = parameters["model"].map(traces)
+limit = f", but at most {window} frames"
+if scale == "full":
+    limit = ""
 caption = (
-    "Parameters of the six background models, all as printed in Table "
-    f"5.4{'' if scale == 'full' else f', but at most {window} frames'}; frames, and "
-    "shares from 0 to 1. Trace: root mean square in grey values that particles leave "
-    f"in the background of a frame of {subset.name}."
+    f"Parameters of the six background models, all as printed in Table 5.4{limit}; "
+    "frames, and shares from 0 to 1. Trace: root mean square in grey values that "
+    f"particles leave in the background of a frame of {subset.name}."
 )
 figures.save("table-5-4-parameters", parameters, caption=caption, provenance=origin)
 
@@ -157,7 +157,7 @@ for each in subsets:
     kept = each._replace(recording=Kept(each.recording))
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
-        found[reading, name, each.name] = labelled.run([kept], methods, model)
+        found[reading, name, each.name] = labelled.score_methods([kept], methods, model)
 parts = []
 tuned_parts = []
 for reading, name in product(readings, models):
@@ -181,10 +181,8 @@ unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
 table = table.merge(
     unlit[["model", "reading", "subset", "recall_non_burning"]], how="left"
 )
-printed = {
-    "Median": 0.8592,
-    "TwoFrame": 0.8385,
-}  # in the text; the others are only drawn
+# in the text; the others are only drawn
+printed = {"Median": 0.8592, "TwoFrame": 0.8385}
 first = (table["subset"] == "Total") & (table["reading"] == "stops at zero")
 table["f1_published"] = table["model"].map(printed).where(first)
 table = table.sort_values("reading", ascending=False, kind="stable", ignore_index=True)
@@ -208,13 +206,13 @@ def named(attempts):
 
 known = pd.Series(printed)
 summary = summaries.f1_with_intervals(named(attempts), known, seed).rename_axis("model")
-f1_tuned = labelled.sum_counts(named(tuned), ["method"]).set_index("method")["f1"]
+f1_tuned = summaries.f1_by_method(named(tuned))
 summary = summary.assign(f1_tuned=f1_tuned)
 summary = summary.sort_values(["f1", "model"], ascending=[False, True])
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
-plots.draw_intervals(axes, summary.rename(style.words), "f1_published", "f1_in_pixels")
+plots.draw_intervals(axes, summary.rename(style.words))
 caption = (
     "Simulated F1 of SIFT after six backgrounds, after Fig. 5.4. Dots: scoring "
     "distance 45 px, 95 % intervals over draws of frames; squares: within a particle's "
@@ -228,9 +226,8 @@ figures.save(
 )
 
 # %%
-_, view = next(
-    labelled.subset_views(subset)
-)  # without the burner's flame, as it is scored
+# without the burner's flame, as it is scored
+_, view = next(labelled.subset_views(subset))
 keypoints = labelled.sift(fixed)(view.foreground)
 size = {"width_mm": 120, "height_mm": 92}
 picture = plots.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
@@ -254,28 +251,24 @@ figures.save(
 def judge(attempts):
     """Return the verdicts from the attempts of six models."""
     attempts = attempts.assign(method=attempts["model"])
-    f1 = labelled.sum_counts(attempts, ["method"]).set_index("method")["f1"]
-    f1 = f1.sort_values(ascending=False)
+    f1 = summaries.f1_by_method(attempts).sort_values(ascending=False)
     draws = summaries.resampled_rates(attempts, seed)["f1"]
     still = ["Mean", "Median"]
     moving = ["TwoFrame", "ThreeFrame"]
-    learning = [name for name in f1.index if name not in still + moving]
+    learning = f1.index.drop([*still, *moving])
 
-    def order(better, worse):
-        """Return whether all of `better` have a higher F1 than all of `worse`, over
-        draws.
-        """
-        kinds = product(better, worse)
-        return claims.all_of(
-            *(claims.above(draws[a] - draws[b]) for a, b in kinds if a != b)
-        )
+    def above(better, worse):
+        """Return whether all of `better` have a higher F1 than all of `worse`."""
+        pairs = [pair for pair in product(better, worse) if pair[0] != pair[1]]
+        return claims.all_of(*(claims.above(draws[a] - draws[b]) for a, b in pairs))
 
+    median_best = above(["Median"], f1.index)
+    two_frames_worst = above(f1.index, ["TwoFrame"])
+    in_order = claims.all_of(above(still, learning), above(learning, moving))
     return [
-        claims.check("bg-1", order(["Median"], f1.index), f1),
-        claims.check("bg-2", order(f1.index, ["TwoFrame"]), f1[::-1]),
-        claims.check(
-            "bg-5", claims.all_of(order(still, learning), order(learning, moving)), f1
-        ),
+        claims.check("bg-1", median_best, f1),
+        claims.check("bg-2", two_frames_worst, f1[::-1]),
+        claims.check("bg-5", in_order, f1),
     ]
 
 

@@ -21,6 +21,8 @@ seed = 0  # of the scenes and of the fit
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
+from itertools import product
+
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
@@ -32,6 +34,7 @@ from kilnflight.experiments import plots
 from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.experiments.flights import identified
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.scores import count_in_air, rates, score_detections
 
 # %%
 style.use_style()
@@ -58,26 +61,22 @@ for name, wall in walls.items():
     except InputError:  # most points of this subset lie on no cylinder
         continue
 fit = fits[subsets[0].name]
-printed = float(
-    claims.published("table_5.12").set_index("quantity")["value_mm"]["Radius"]
-)
-axis = geometry.axes[0]
-rows = {
-    name: {
+table_5_12 = claims.published("table_5.12").set_index("quantity")
+printed = float(table_5_12["value_mm"]["Radius"])
+rows = []
+for name, each in fits.items():
+    cosine = abs(np.dot(each.direction, geometry.axes[0]))
+    row = {
+        "subset": name,
         "radius_mm": each.radius_mm,
         "radius_true_mm": geometry.kiln_radius_mm,
         "radius_published_mm": printed,
-        "direction_off_deg": np.degrees(
-            np.arccos(min(abs(np.dot(each.direction, axis)), 1.0))
-        ),
+        "direction_off_deg": np.degrees(np.arccos(min(cosine, 1.0))),
         "inliers": each.inliers,
         "rms_mm": each.rms_mm,
     }
-    for name, each in fits.items()
-}
-cylinders = (
-    pd.DataFrame(rows).T.astype({"inliers": int}).rename_axis("subset").reset_index()
-)
+    rows.append(row)
+cylinders = pd.DataFrame(rows)
 caption = (
     "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12."
 )
@@ -98,10 +97,12 @@ _, across, up = plots.upright(middle + fit.radius_mm * ring)
 left.plot(across, up, "-", color=style.COLOURS[2], label=f"fit, {fit.radius_mm:.0f} mm")
 left.set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal")
 left.legend(loc="center")  # within the circle
-levels = {"fit": (fit.radius_mm, "-", style.COLOURS[2])}
-levels["true"] = (geometry.kiln_radius_mm, ":", "black")
-levels["published"] = (printed, "--", style.PUBLISHED["color"])
-for text, (level, line, colour) in levels.items():
+levels = (
+    ("fit", fit.radius_mm, "-", style.COLOURS[2]),
+    ("true", geometry.kiln_radius_mm, ":", "black"),
+    ("published", printed, "--", style.PUBLISHED["color"]),
+)
+for text, level, line, colour in levels:
     right.axhline(level, color=colour, ls=line, label=f"{text}, {level:.0f} mm")
 right.set(xlabel="depth z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))
 _ = right.legend(loc="lower left")
@@ -143,16 +144,14 @@ thresholds = {
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=65)
 bins = np.arange(0, 1201, 25)
 shown = np.linspace(0, 1200, 400)
-kinds = {
-    False: ("in the air", style.COLOURS[2], "-"),
-    True: ("on the wall", style.COLOURS[1], "--"),
-}
-for there, values in distance.groupby(on_wall):
-    name, colour, line = kinds[there]
+kinds = (
+    ("in the air", distance[~on_wall], style.COLOURS[2], "-"),
+    ("on the wall", distance[on_wall], style.COLOURS[1], "--"),
+)
+for name, values, colour, line in kinds:
+    gaussian = norm.pdf(shown, values.mean(), values.std())
     axes.hist(values, bins, color=colour, alpha=0.35, density=True, label=name)
-    axes.plot(
-        shown, norm.pdf(shown, values.mean(), values.std()), ls=line, color=colour
-    )
+    axes.plot(shown, gaussian, ls=line, color=colour)
 beside = {"textcoords": "offset points", "xytext": (-1, 0), "ha": "right", "va": "top"}
 beside |= {"xycoords": axes.get_xaxis_transform(), "rotation": 90, "fontsize": 6}
 for level in thresholds.values():
@@ -180,10 +179,32 @@ figures.save(
 # %%
 thresholds["all_in_air"] = 10_000.0  # mm from the axis: no particle is as far
 roi = subsets[0].recording.attributes.roi
-exact, measured = (
-    summaries.classification_table(marked, spots, thresholds, roi)
-    for spots in (marked, detected)
-)
+
+
+def count_frame(spots, particles, subset, frame, limit):
+    """Return the counts of a frame with a limit of the distance from the axis in mm."""
+    found = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
+    score = score_detections(particles[["row", "col"]], found[["row", "col"]], roi=roi)
+    flying = (particles["label"] != 4) & particles["distance_mm"].notna()
+    return count_in_air(score, flying, found["distance_mm"] <= limit)
+
+
+def classify(spots):
+    """Return the rates of telling air from wall, by threshold and subset."""
+    rows = []
+    frames = list(marked.groupby(["subset", "frame"], sort=False))
+    for (name, limit), (place, particles) in product(thresholds.items(), frames):
+        row = {"threshold": name, "threshold_mm": limit, "subset": place[0]}
+        rows.append(row | count_frame(spots, particles, *place, limit))
+    table = pd.DataFrame(rows)
+    both = pd.concat([table, table.assign(subset="Total")])
+    keys = ["threshold", "threshold_mm", "subset"]
+    counts = both.groupby(keys, sort=False)[list(labelled.COUNTS)].sum().reset_index()
+    return counts.join(rates(counts["tp"], counts["fp"], counts["fn"]))
+
+
+exact = classify(marked)  # as in Table 5.13
+measured = classify(detected)  # as in Table 5.14
 
 # %%
 table = summaries.beside_published(exact, "table_5.13")

@@ -60,6 +60,16 @@ def test_the_tables_have_the_agreed_columns(smoke):
         assert len(table), name
 
 
+def test_every_erratum_says_whether_a_conclusion_depends_on_it(smoke):
+    wrong = pd.read_csv(smoke / "figures" / "errata.csv")
+    assert len(wrong) == 45
+    number = wrong["kind"] == "number"
+    assert number.sum() == 19
+    assert (wrong.loc[number, "consequence"] == "no: last digits only").sum() == 9
+    assert wrong["consequence"].str.match(r"(no|yes|in part|not known)\b").all()
+    assert not wrong["where"].duplicated().any()
+
+
 def test_no_saved_table_holds_an_impossible_number(smoke):
     for path in (smoke / "figures").glob("*.csv"):
         assert impossible(pd.read_csv(path), path.stem) == [], path.name

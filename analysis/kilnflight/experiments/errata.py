@@ -7,14 +7,12 @@ sentences that a table can confirm or refute are in data/reference/statements.cs
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.camera import EQUATION_2_4, PLATE_DISTANCES_MM, invert_depth
 from kilnflight.publication import claims
 from kilnflight.scores import rates
 from kilnflight.store import paths
@@ -31,12 +29,12 @@ FRAME_RATES = {
     "PE granule": 153.85,
 }
 
-
 QCC_CONSEQUENCE = "yes: see 'best F1 of QCC' and 'lead in F1 of QCC over DBSCAN'"
+MO_CONSEQUENCE = "no: Table 5.9 has 0.5970, which the printed F1 fits"
 RATE_CONSEQUENCES = {
     "Table 5.10, K=30, alpha=0.1": QCC_CONSEQUENCE,
     "Table 5.11, 3D-QCC Clustering": QCC_CONSEQUENCE,
-    "Table 5.11, 3D-MO-based Clustering": "no: Table 5.9 has 0.5970, which the printed F1 fits",
+    "Table 5.11, 3D-MO-based Clustering": MO_CONSEQUENCE,
 }
 
 
@@ -48,9 +46,8 @@ class Check(NamedTuple):
     printed: str
     recomputed: float | str  # a text for sentences about words
     agrees: bool
-    consequence: str = (
-        ""  # whether a conclusion of the thesis depends on it, if it disagrees
-    )
+    # whether a conclusion of the thesis depends on it; empty if it agrees
+    consequence: str = ""
 
 
 def agrees(printed: str, recomputed: float) -> bool:
@@ -64,22 +61,19 @@ def agrees(printed: str, recomputed: float) -> bool:
     >>> agrees("0.8436", 0.84356), agrees("0.6210", 0.5808), agrees("<8", 7.6)
     (True, False, True)
     """
-    bound = re.match(r"[<>]", printed)
-    if bound:
-        limit = float(printed[1:])
-        return recomputed < limit if bound.group() == "<" else recomputed > limit
+    if printed.startswith("<"):
+        return recomputed < float(printed[1:])
+    if printed.startswith(">"):
+        return recomputed > float(printed[1:])
     digits = printed.rstrip("%")
     decimals = len(digits.partition(".")[2])
     return abs(float(digits) - recomputed) <= 0.5 * 10**-decimals * (1 + 1e-9)
 
 
-def _check(
-    where: str, quantity: str, printed: str, recomputed: float, consequence: str = ""
-) -> Check:
-    """Return the check of a printed number against its recomputed value."""
-    return Check(
-        where, quantity, printed, recomputed, agrees(printed, recomputed), consequence
-    )
+def _check(where: str, quantity: str, printed: str, recomputed: float) -> Check:
+    """Compare a printed number with its recomputed value."""
+    right = agrees(printed, recomputed)
+    return Check(where, quantity, printed, recomputed, agrees=right)
 
 
 def _row_name(row: pd.Series) -> str:
@@ -98,14 +92,13 @@ def printed_rates(table: str) -> pd.DataFrame:
     printed = claims.published(f"table_{table}", as_printed=True)
     if table == "5.6":
         total = printed["test_set"] == "Total"
-        printed.loc[total, COUNTS] = printed.loc[
-            total, ["dog_local_max", "TP", "FP"]
-        ].to_numpy()
+        shifted = printed.loc[total, ["dog_local_max", "TP", "FP"]]
+        printed.loc[total, COUNTS] = shifted.to_numpy()
     return printed.set_axis(printed.apply(_row_name, axis=1))
 
 
 def recomputed_rates(table: str) -> pd.DataFrame:
-    """Return precision, recall and F1 of one of `RATE_TABLES` from its counts.
+    """Compute precision, recall and F1 of one of `RATE_TABLES` from its counts.
 
     One row per printed row, indexed by `_row_name`.
     """
@@ -116,24 +109,29 @@ def recomputed_rates(table: str) -> pd.DataFrame:
 def check_rates() -> Iterator[Check]:
     """Check precision, recall and F1 of `RATE_TABLES` against TP, FP and FN.
 
-    Yields one `Check` per printed rate. `RATE_CONSEQUENCES` tells which wrong ones
-    matter.
+    Yields
+    ------
+    Check
+        One per printed rate.
     """
     for table in RATE_TABLES:
+        printed = printed_rates(table)
         exact = recomputed_rates(table)
-        for (name, values), (_, row) in zip(
-            exact.iterrows(), printed_rates(table).iterrows(), strict=True
-        ):
-            where = f"Table {table}, {name}"
-            for rate, value in zip(exact.columns, values.tolist(), strict=True):
-                small = abs(float(row[rate]) - value) < 0.001
-                consequence = (
-                    "no: last digits only"
-                    if small
-                    else RATE_CONSEQUENCES.get(where, "")
-                )
-                check = _check(where, rate, row[rate], value, consequence)
-                yield check._replace(consequence="") if check.agrees else check
+        for name in exact.index:
+            for rate in ("precision", "recall", "f1"):
+                where = f"Table {table}, {name}"
+                shown = printed[rate][name]
+                yield _check_rate(where, rate, shown, exact[rate][name])
+
+
+def _check_rate(where: str, rate: str, printed: str, exact: float) -> Check:
+    """Check one printed rate, and say whether a conclusion depends on a wrong one."""
+    check = _check(where, rate, printed, exact)
+    if check.agrees:
+        return check
+    if abs(float(printed) - exact) < 0.001:
+        return check._replace(consequence="no: last digits only")
+    return check._replace(consequence=RATE_CONSEQUENCES[where])
 
 
 def check_sums() -> Iterator[Check]:
@@ -142,21 +140,18 @@ def check_sums() -> Iterator[Check]:
     The row "Total" of four tables must be the sum of the other rows.
     """
     for table in ("5.5", "5.6", "5.13", "5.14"):
-        printed = printed_rates(table)[COUNTS].T
-        sums = printed.drop(columns="Total").astype(float).sum(axis=1)
-        for count in COUNTS:
-            yield _check(
-                f"Table {table}, Total", count, printed["Total"][count], sums[count]
-            )
-    classes = {
-        where: claims.published(
-            where.lower().replace(" ", "_"), as_printed=True
-        ).set_index("class")
-        for where in ("Table 5.2", "Table 5.3")
-    }
-    for where, counted in classes.items():
-        yield from _check_class_sums(counted, where)
-    yield from _check_shares(*classes.values())
+        printed = printed_rates(table)[COUNTS]
+        sums = printed.drop("Total").astype(float).sum()
+        for count, total in sums.items():
+            shown = printed[count]["Total"]
+            yield _check(f"Table {table}, Total", str(count), shown, total)
+    everything, inside = (
+        claims.published(f"table_{table}", as_printed=True).set_index("class")
+        for table in ("5.2", "5.3")
+    )
+    yield from _check_class_sums(everything, "Table 5.2")
+    yield from _check_class_sums(inside, "Table 5.3")
+    yield from _check_shares(everything, inside)
 
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
@@ -166,43 +161,37 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     wall, in air (the first two), amount (the first three). Cells are printed strings.
     """
     counts = table[[*SUBSETS, "amount"]].astype(float)
-    for column in counts.columns:
-        for row in (
-            3,
-            4,
-        ):  # in air is the sum of rows 0 and 1, amount that of rows 0 to 2
+    for column, values in counts.items():
+        for row, summed in ((3, 2), (4, 3)):
             place = f"{where}, {table.index[row]}"
-            total = counts[column].iloc[: row - 1].sum()
-            yield _check(place, column, table[column].iloc[row], total)
-    for name, *printed in table[["amount", *SUBSETS]].itertuples(name=None):
-        yield _check(
-            f"{where}, {name}", "amount", printed[0], sum(map(float, printed[1:]))
-        )
+            total = values.iloc[:summed].sum()
+            yield _check(place, str(column), table[column].iloc[row], total)
+    sums = counts[SUBSETS].sum(axis=1)
+    for name in table.index:
+        yield _check(f"{where}, {name}", "amount", table["amount"][name], sums[name])
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
     """Check the percentages in Tables 5.2 (depth) and 5.3 (region of interest).
 
     Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2,
-    ``inside`` Table 5.3, with the same classes in the same order; cells are printed
-    strings.
+    ``inside`` Table 5.3, with the same classes in the same order, but other words for
+    them. Cells are printed strings.
     """
     share = "percentage_with_3d_info"
-    for (name, row), (_, kept) in zip(
-        everything.iterrows(), inside.iterrows(), strict=True
-    ):
+    rows = zip(everything.iterrows(), inside.iterrows(), strict=True)
+    for (name, row), (named, kept) in rows:
         amount = float(row["amount"])
-        where = f"Table 5.3, {kept.name}"
+        where = f"Table 5.3, {named}"
         exact = 100 * float(row["with_3d_info"]) / amount
         yield _check(f"Table 5.2, {name}", share, row[share], exact)
         exact = 100 * float(kept["amount"]) / amount
         yield _check(where, "percentage of Table 5.2", kept["percentage"], exact)
         for subset in SUBSETS:  # the region of interest cannot hold more than the image
             most = float(row[subset])
+            right = float(kept[subset]) <= most
             quantity = f"{subset} not above Table 5.2"
-            yield Check(
-                where, quantity, kept[subset], most, float(kept[subset]) <= most
-            )
+            yield Check(where, quantity, kept[subset], most, agrees=right)
 
 
 def check_totals() -> Iterator[Check]:
@@ -220,90 +209,25 @@ def check_totals() -> Iterator[Check]:
             inside = found
             quantity = "TP + FN as in Table 5.13"
             continue
-        for name, printed in found.items():
-            expected = float(inside[str(name) if name in inside else "amount"])
-            yield _check(f"Table {table}, {name}", quantity, str(printed), expected)
+        for name in found.index:
+            expected = float(inside[name if name in inside else "amount"])
+            where = f"Table {table}, {name}"
+            yield _check(where, quantity, str(found[name]), expected)
 
 
 def check_durations() -> Iterator[Check]:
     """Check the durations (s) of App. A.1 against frames and `FRAME_RATES`."""
-    flight = claims.published("flight")
-    for _, row in flight[flight["quantity"] == "sequence_length"].iterrows():
-        printed = re.search(r"\(([\d.]+) s\)", str(row["value_as_printed"]))
-        if printed:
-            seconds = row["value_low"] / FRAME_RATES[row["fraction"]]
-            where = f"App. A.1, {row['fraction']} at {row['pressure_bar']} bar"
-            yield _check(where, "duration_s", printed.group(1), seconds, "no")
-
-
-def recomputed_statements() -> dict[str, float]:
-    """Return the value of the tables for each sentence of statements.csv, by id.
-
-    Units are those of the sentence: F1, points of F1, seconds, mm, m or percent.
-    """
-    exact = {table: recomputed_rates(table) for table in RATE_TABLES}
-    f1 = {table: part["f1"] for table, part in exact.items()}
-    best = {table: f1[table].max() for table in ("5.8", "5.9", "5.10")}
-    both = f1["5.11"]
-    qcc = f1["5.10"]
-    combined = both[both.index.str.startswith("Combi")]
-    gain = 100 * (
-        combined.to_numpy() - both["2D-" + combined.index.str[6:10]].to_numpy()
-    )
-    by_alpha = [qcc[f"K={k}, alpha=0.1"] - qcc[f"K={k}, alpha=0.2"] for k in (20, 30)]
-    sift_s = claims.published("table_5.7").set_index("dog_local_max")[
-        "computation_time_s"
-    ]
-    dbscan_s = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])[
-        "time_per_image_s"
-    ]
-    qcc_s = claims.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
-    truth, detected = (
-        printed_rates(table)[COUNTS].astype(float).T["Total"]
-        for table in ("5.13", "5.14")
-    )
-    bias = np.abs(
-        invert_depth(PLATE_DISTANCES_MM) - PLATE_DISTANCES_MM
-    )  # of 1, 2, ... 11 m
-    tracking = claims.published("table_5.17")
-    without = tracking[tracking["post_processing"] == "without"]
-    raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
-    theta = tracking[tracking["measure"] == "JSC_theta"]
-    theta = theta.pivot(
-        index=["fraction", "algorithm"], columns="post_processing", values="value"
-    )
-    return {
-        "qcc-best": best["5.10"],
-        "three-d-best": best["5.10"] - best["5.8"],
-        "three-d-gap": max(best.values()) - min(best.values()),
-        "combined-gain-low": float(gain.min()),
-        "combined-gain-high": float(gain.max()),
-        "combined-gain-mean": float(gain.mean()),
-        "qcc-alpha": by_alpha[1] - by_alpha[0],
-        "dog-threshold": both["2D-SIFT"] - 0.8592,  # of the median filter in Fig. 5.4
-        "dbscan-time": dbscan_s[10, 50] - dbscan_s[6, 50],
-        "dbscan-precise": exact["5.8"]["precision"].max(),
-        "sift-otsu-v5": f1["5.6"]["V5"] - f1["5.5"]["V5"],
-        "otsu-v5": f1["5.5"]["V5"],
-        "qcc-time": qcc_s[20, 0.1] - qcc_s[20, 0.2],
-        "sift-time": sift_s[900] - sift_s[1000],
-        "depth-centimetres": float(bias[2:5].max()),
-        "depth-middle": float(bias[5:8].mean()) / 1000,
-        "depth-far": float(bias[8:].max() - bias[7]),
-        "tracking-raw": 100.0 * float(raw.between(0.2, 0.3).mean()),
-        "tracking-gain": 100.0 * float((theta["with"] - theta["without"]).max()),
-        "false-positives-wall": detected["FP"] - truth["FP"],
-        "air-misclassified": 100 * truth["FN"] / (truth["TP"] + truth["FN"]),
-        "wood-5-bar": 100.0 - 6.0,  # the 6 % that sec. 5.3.1 itself reports as landed
-        "lance-bore": lance_bores_apart(),
-        "depth-jump-3000": float(EQUATION_2_4.jumps()[0]),
-        "depth-jump-5000": float(EQUATION_2_4.jumps()[1]),
-        "depth-falls": float(np.ptp(EQUATION_2_4.falling(1300.0, 11000.0))),
-    }
+    flight = claims.published("flight").query("quantity == 'sequence_length'")
+    printed = flight["value_as_printed"].str.extract(r"\(([\d.]+) s\)", expand=False)
+    for _, row in flight.assign(printed=printed).dropna(subset="printed").iterrows():
+        seconds = row["value_low"] / FRAME_RATES[row["fraction"]]
+        where = f"App. A.1, {row['fraction']} at {row['pressure_bar']} bar"
+        check = _check(where, "duration_s", row["printed"], seconds)
+        yield check._replace(consequence="no")
 
 
 def lance_bores_apart() -> float:
-    """Return the gap in mm between two bores of the lance, 0 if they overlap.
+    """Compute the gap in mm between two bores of the lance; 0 if they overlap.
 
     Air flow and outlet velocity are printed at 0.5 and at 5 bar. Each pair gives the
     bore; as the velocity is rounded to 1 m/s, it gives a range. The flow is taken at
@@ -317,8 +241,8 @@ def lance_bores_apart() -> float:
     return max(float(low.max() - high.min()), 0.0)
 
 
-def check_statements() -> Iterator[Check]:
-    """Check the sentences of statements.csv against `recomputed_statements`.
+def check_statements(values: Mapping[str, float]) -> Iterator[Check]:
+    """Check the sentences of statements.csv against recomputed values by id.
 
     Sentences about words have no recomputed number. They carry their correction
     instead, and count as wrong.
@@ -326,16 +250,26 @@ def check_statements() -> Iterator[Check]:
     table = pd.read_csv(
         paths.reference() / "statements.csv", dtype=str, keep_default_na=False
     )
-    values = recomputed_statements()
-    for _, row in table.iterrows():
-        value = values.get(row["id"], row["should_be"])
-        right = bool(row["expected"]) and agrees(row["expected"], value)
-        where, quantity, printed = row[["where", "quantity", "printed"]]
-        yield Check(where, quantity, printed, value, right, row["consequence"])
+    row: Any
+    for row in table.itertuples():
+        value = values.get(row.id, row.should_be)
+        yield Check(
+            where=row.where,
+            quantity=row.quantity,
+            printed=row.printed,
+            recomputed=value,
+            agrees=row.expected != "" and agrees(row.expected, value),
+            consequence=row.consequence,
+        )
 
 
-def recompute() -> pd.DataFrame:
-    """Return every check, one row each.
+def recompute(statements: Mapping[str, float]) -> pd.DataFrame:
+    """Recompute every number that others determine, one row each.
+
+    Parameters
+    ----------
+    statements
+        Value of the tables for each sentence of statements.csv, by id.
 
     Returns
     -------
@@ -343,9 +277,13 @@ def recompute() -> pd.DataFrame:
         The fields of `Check`, and ``kind``: a printed "number", or a "sentence", which
         includes signs, bounds and captions.
     """
-    steps = (check_rates, check_sums, check_totals, check_durations, check_statements)
-    table = pd.DataFrame(
-        [check for step in steps for check in step()], columns=Check._fields
-    )
+    checks = [
+        *check_rates(),
+        *check_sums(),
+        *check_totals(),
+        *check_durations(),
+        *check_statements(statements),
+    ]
+    table = pd.DataFrame(checks, columns=Check._fields)
     is_number = table["printed"].str.fullmatch(r"\d+(\.\d+)?%?")
     return table.assign(kind=np.where(is_number, "number", "sentence"))

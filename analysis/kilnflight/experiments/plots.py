@@ -1,12 +1,11 @@
-"""Plots shared by notebooks: boxes, bars, intervals, printed marks, tracks, pictures in
-space.
-"""
+"""Plots shared by notebooks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -21,6 +20,7 @@ from kilnflight.publication.style import (
     BOXES,
     COLOURS,
     HATCHES,
+    LINES,
     PAGE_MM,
     PUBLISHED,
     PUBLISHED_BAR,
@@ -31,12 +31,9 @@ from kilnflight.publication.style import (
 from kilnflight.scores.flights import MARKS_M
 
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
-SYMBOLS = {
-    "alpha": "alpha",
-    "beta": "beta",
-    "jsc": "JSC",
-    "jsc_theta": "JSCθ",
-}  # of scores
+CROSSES = {"marker": "+", "markersize": 3, "markeredgewidth": 0.5}
+# Scores as they are written.
+SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}
 
 
 def draw_grouped_boxes(
@@ -55,31 +52,31 @@ def draw_grouped_boxes(
     labels
         Labels of the horizontal axis.
     """
+    below: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "0.3"}
+    below |= {"xycoords": axes.get_xaxis_transform(), "fontsize": 5.5}
     width = 0.8 / len(groups)
-    below: dict[str, Any] = {"xycoords": axes.get_xaxis_transform(), "va": "bottom"}
-    below |= {"ha": "center", "fontsize": 5.5, "color": "0.3"}
     for k, (name, series) in enumerate(groups.items()):
-        place = np.arange(len(series)) + width * (k - (len(groups) - 1) / 2)
+        place = _beside(k, len(groups), len(series))
         finite = [values[np.isfinite(values)] for values in series]
-        face = {
-            "facecolor": FACES[k],
-            "hatch": HATCHES[k],
-            "edgecolor": "black",
-            "linewidth": 0.6,
-        }
-        options = {
-            "widths": 0.85 * width,
-            "boxprops": {**face, "linestyle": "-"},
+        face = {"facecolor": FACES[k], "hatch": HATCHES[k], "edgecolor": "black"}
+        axes.boxplot(
+            finite,
+            positions=place,
+            widths=0.85 * width,
+            label=name,
+            flierprops=CROSSES,
+            boxprops={"linewidth": 0.6, "linestyle": "-", **face},
             **BOXES,
-        }
-        crosses = {"marker": "+", "markersize": 3, "markeredgewidth": 0.5}
-        drawn = axes.boxplot(finite, positions=place, flierprops=crosses, **options)
-        drawn["boxes"][0].set_label(name)
+        )
         for x, values in zip(place, finite, strict=True):
-            axes.annotate(str(len(values)), (float(x), 0.01), **below)
-    axes.set(
-        xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45)
-    )
+            axes.annotate(str(len(values)), (x, 0.01), **below)
+    end = len(labels) - 0.45
+    axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, end))
+
+
+def _beside(k: int, kinds: int, groups: int) -> Any:
+    """Return the places (groups,) of kind ``k`` in groups 1 apart and 0.8 wide."""
+    return np.arange(groups) + 0.8 / kinds * (k - (kinds - 1) / 2)
 
 
 def draw_velocity_boxes(
@@ -100,21 +97,21 @@ def draw_velocity_boxes(
         0-1 m (m/s)" ...), ``low``, ``high``; None: not drawn.
     """
     rows = max(-(-len(keys) // 2), 1)
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * rows}
-    picture, grid = canvas(rows, 2, **size, sharex=True, sharey=True)
+    picture, grid = canvas(
+        rows, 2, width_mm=PAGE_MM, height_mm=55 * rows, sharex=True, sharey=True
+    )
     metres = [f"{metre - 1}-{metre} m" for metre in MARKS_M]
     for axes, key in zip(grid.flat, keys, strict=False):
-        groups = {
+        velocities = {
             name: list(values[key].velocity_m_s.T) for name, values in sources.items()
         }
-        draw_grouped_boxes(axes, groups, metres)
+        draw_grouped_boxes(axes, velocities, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
         if bounds is not None:
             # the first metre, 0-1 m, is label 0
             at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
-            draw_published(
-                axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key)
-            )
+            known = bounds.assign(at=at).dropna(subset="at")
+            draw_published(axes, of_campaign(known, key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
@@ -139,26 +136,20 @@ def draw_dwell_boxes(
     bars = sorted({bar for _, bar in keys})
     picture, grid = canvas(1, len(bars), width_mm=PAGE_MM, height_mm=80, sharey=True)
     for axes, bar in zip(grid[0], bars, strict=True):
-        groups = {
+        times = {
             source: [values[name, bar].dwell_s for name in names]
             for source, values in sources.items()
         }
-        draw_grouped_boxes(axes, groups, names)
-        if bar == 4.5:
-            axes.axhspan(
-                0.3,
-                0.5,
-                color=PUBLISHED["color"],
-                alpha=0.15,
-                label="published medians",
-            )
+        draw_grouped_boxes(axes, times, names)
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
-        if not sum(len(each) for group in groups.values() for each in group):
+        if bar == 4.5:
+            band = {"color": PUBLISHED["color"], "label": "published medians"}
+            axes.axhspan(0.3, 0.5, alpha=0.15, **band)
+        if not any(len(each) for series in times.values() for each in series):
             axes.text(0.5, 0.85, "no flight", transform=axes.transAxes, ha="center")
     grid[0, 0].set_ylabel("dwell time (s)")
-    picture.legend(
-        *grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4
-    )
+    entries = grid[0, 0].get_legend_handles_labels()
+    picture.legend(*entries, loc="outside upper center", ncols=4)
     return picture
 
 
@@ -167,63 +158,35 @@ def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
 
     All have the look of `PUBLISHED`. A number (``low`` equals ``high``) is a diamond,
     two bounds are a bar, an open bound (NaN) is an arrow. The vertical axis grows to
-    hold them. ``bounds`` has ``at`` (place on the horizontal axis), ``low`` and
-    ``high`` (in units of the vertical one).
-    """
-    bottom, top = axes.get_ylim()
-    low = bounds["low"]
-    high = bounds["high"]
-    at = bounds["at"]
-    reach = 0.09 * (top - bottom)
-    ends = low.fillna(high - reach), high.fillna(low + reach)
-    axes.vlines(at, *ends, **{**PUBLISHED_BAR, "label": None})
-    for mark, places, values in (
-        ("D", low == high, low),
-        ("^", high.isna(), ends[1]),
-        ("v", low.isna(), ends[0]),
-    ):
-        axes.plot(
-            at[places], values[places], **{**PUBLISHED, "marker": mark, "label": None}
-        )
-    axes.plot([], [], **PUBLISHED)
-    highest = pd.concat(ends).max()
-    axes.set_ylim(bottom, top if not highest > top else highest + reach / 2)
-
-
-def draw_bars(
-    axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str
-) -> None:
-    """Draw grouped bars; bars of one kind share colour and hatch.
+    hold them.
 
     Parameters
     ----------
     axes
-        Axes to draw on; group i is at x = i.
-    table
-        One row per bar; each pair of group and kind occurs once.
-    along, kind, value
-        Columns with the group, the kind and the height of a bar.
+        Axes to draw on.
+    bounds
+        ``at`` (place on the horizontal axis), ``low`` and ``high`` (in units of the
+        vertical one).
     """
-    groups = list(table[along].unique())
-    kinds = list(table[kind].unique())
-    width = 0.8 / len(kinds)
-    wide = table.pivot(index=along, columns=kind, values=value).loc[groups]
-    for k, name in enumerate(kinds):
-        place = np.arange(len(groups)) + width * (k - (len(kinds) - 1) / 2)
-        look: dict[str, Any] = {"label": str(name), "hatch": HATCHES[k % len(HATCHES)]}
-        axes.bar(
-            place,
-            wide[name],
-            0.92 * width,
-            color=COLOURS[(k + 1) % len(COLOURS)],
-            **look,
-        )
-    axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
+    bottom, top = axes.get_ylim()
+    reach = 0.09 * (top - bottom)
+    low = bounds["low"]
+    high = bounds["high"]
+    start = low.fillna(high - reach)
+    end = high.fillna(low + reach)
+    axes.vlines(bounds["at"], start, end, **{**PUBLISHED_BAR, "label": None})
+    marks = (("D", low == high, low), ("^", high.isna(), end), ("v", low.isna(), start))
+    for marker, which, values in marks:
+        look = {**PUBLISHED, "marker": marker, "label": None}
+        axes.plot(bounds["at"][which], values[which], **look)
+    axes.plot([], [], **PUBLISHED)
+    highest = max(start.max(), end.max())
+    if highest > top:
+        top = highest + reach / 2
+    axes.set_ylim(bottom, top)
 
 
-def draw_intervals(
-    axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pixels: str
-) -> None:
+def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
     """Draw F1 by method with intervals, beside F1 in pixels and the published F1.
 
     Parameters
@@ -231,22 +194,28 @@ def draw_intervals(
     axes
         Axes to draw on; the first row of the table is on top.
     table
-        Index: names of the methods; ``f1``, ``f1_low``, ``f1_high`` with a scoring
-        distance of 45 px, and the columns named by the next two arguments.
-    published_f1, f1_in_pixels
-        Names of the columns with the published F1 (NaN if none) and with F1 within a
-        particle's pixels (section 5.1.1).
+        Index: names of the methods. ``f1``, ``f1_low``, ``f1_high`` with a scoring
+        distance of 45 px, ``f1_in_pixels`` within a particle's pixels (section 5.1.1),
+        and ``f1_published`` (NaN if none).
     """
     place = np.arange(len(table))
-    label = "scoring distance 45 px"
-    reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
-    axes.errorbar(
-        table["f1"], place, xerr=reach, fmt="o", color="black", capsize=2, label=label
-    )
+    f1 = table["f1"]
+    reach = table[["f1_low", "f1_high"]].sub(f1, axis=0).abs().to_numpy().T
+    points: dict[str, Any] = {
+        "fmt": "o",
+        "color": "black",
+        "label": "scoring distance 45 px",
+    }
+    axes.errorbar(f1, place, xerr=reach, capsize=2, **points)
     axes.plot(
-        table[f1_in_pixels], place, "s", mfc="none", color=COLOURS[2], label="in pixels"
+        table["f1_in_pixels"],
+        place,
+        "s",
+        mfc="none",
+        color=COLOURS[2],
+        label="in pixels",
     )
-    axes.plot(table[published_f1], place, **PUBLISHED)
+    axes.plot(table["f1_published"], place, **PUBLISHED)
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
@@ -271,23 +240,24 @@ def draw_class_recall(
     """
     few = recall["tp"] + recall["fn"] < 10
     groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
-    picture, (panels,) = canvas(
-        1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True
-    )
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 62}
+    picture, (panels,) = canvas(1, len(groups), **size, sharey=True)
     for axes, (name, table) in zip(panels, groups, strict=True):
-        draw_bars(axes, table, "subset", "kind", "recall")
-        axes.set_title(str(name))
-        for bars, values in zip(
-            axes.containers, published.get(str(name), ()), strict=False
-        ):
-            at = [bar.get_x() + bar.get_width() / 2 for bar in bars]
-            axes.plot(at, values, clip_on=False, **PUBLISHED)
+        kinds = table["kind"].unique()
+        bars = table.pivot(index="subset", columns="kind", values="recall")
+        for k, kind in enumerate(kinds):
+            look: dict[str, Any] = {"color": COLOURS[k + 1], "hatch": HATCHES[k]}
+            place = _beside(k, len(kinds), len(bars))
+            axes.bar(place, bars[kind], 0.736 / len(kinds), label=kind, **look)
+        for k, values in enumerate(published.get(str(name), ())):
+            place = _beside(k, len(kinds), len(bars))
+            axes.plot(place, values, clip_on=False, **PUBLISHED)
+        axes.set(title=name, xlabel="subset")
+        axes.set_xticks(range(len(bars)), bars.index)
     panels[0].set_ylabel("recall")
     handles, labels = panels[0].get_legend_handles_labels()
-    known = dict(zip(labels, handles, strict=True))
-    picture.legend(
-        list(known.values()), list(known), loc="outside upper center", ncols=4
-    )
+    known = dict(zip(labels, handles, strict=True))  # published is in each class
+    picture.legend(known.values(), known, loc="outside upper center", ncols=4)
     return picture
 
 
@@ -318,32 +288,109 @@ def draw_keypoints_and_clusters(
         ``width_mm`` and ``height_mm`` of the figure, for `canvas`.
     """
     picture, ((axes,),) = canvas(**size)
-    draw_frame(axes, gray, 4 if clusters is not None else 2)
-    if clusters is not None:
-        spread = np.repeat(
-            np.arange(len(clusters.start) - 1) % 6 + 1, np.diff(clusters.start)
-        )
-        axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[COLOURS[k] for k in spread])
+    if clusters is None:
+        draw_frame(axes, gray, 2)
+    else:
+        draw_frame(axes, gray, 4)
+        turn = np.arange(len(clusters.start) - 1) % 6 + 1
+        colour = np.array(COLOURS)[np.repeat(turn, np.diff(clusters.start))]
+        axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=colour)
     draw_circles(axes, keypoints, COLOURS[5])
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
     return picture
 
 
+def draw_cloud(
+    wall: pd.DataFrame, particles: pd.DataFrame, marked: pd.DataFrame
+) -> Figure:
+    """Draw a point cloud in space, and one particle of it enlarged (Fig. 2.12).
+
+    Parameters
+    ----------
+    wall
+        ``x``, ``y``, ``z`` in mm and ``gray`` of the points that show no particle.
+    particles
+        Points of the particles, likewise.
+    marked
+        Points of the particle that is circled and enlarged, likewise.
+    """
+    axis = ["x", "y", "z"]
+    picture = plt.figure(figsize=(PAGE_MM / 25.4, 85 / 25.4), layout="none")
+    plt.close(picture)
+    room: Any = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
+    points: dict[str, Any] = {"depthshade": False, "linewidths": 0}
+    gray = np.sqrt(wall["gray"])
+    bright = 1.25 * gray.quantile(0.99)  # white points would vanish on paper
+    look: dict[str, Any] = {
+        "c": gray,
+        "cmap": "gray",
+        "s": 0.8,
+        "vmin": 0,
+        "vmax": bright,
+    }
+    room.scatter(*upright(wall[axis]), **look, **points)
+    room.scatter(*upright(particles[axis]), s=1.2, color=COLOURS[2], **points)
+    ring: dict[str, Any] = {
+        "s": 160,
+        "lw": 1.4,
+        "ec": COLOURS[1],
+        "fc": "none",
+        "depthshade": False,
+    }
+    room.scatter(*upright(marked[axis].mean().to_numpy()), **ring)
+    label_camera_space(room)
+    room.set_box_aspect((1.9, 1, 1), zoom=1.15)
+    room.view_init(elev=18, azim=-60)
+    _enlarge(picture, marked)
+    return picture
+
+
+def _enlarge(picture: Figure, marked: pd.DataFrame) -> None:
+    """Draw the points of one particle at the right of a picture, with their depth."""
+    axes = picture.add_axes((0.73, 0.2, 0.24, 0.64))
+    beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
+    depth = marked["z"] / 1000
+    dots = axes.scatter(beside["x"], beside["y"], c=depth, s=9, cmap="viridis")
+    axes.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
+    axes.set(aspect="equal", title="the marked particle")
+    axes.margins(0.15)
+    axes.locator_params(axis="x", nbins=3)
+    axes.locator_params(axis="y", nbins=5)
+    below: dict[str, Any] = {"location": "bottom", "pad": 0.25, "shrink": 0.9}
+    picture.colorbar(dots, ax=axes, label="depth z (m)", **below)
+
+
+def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
+    """Draw sorted k-distances of a cloud, with values of eps in mm (Fig. 2.19).
+
+    ``curves`` has ``point``, a rank, and a column ``distance_k_mm`` for each k.
+    """
+    picture, ((axes,),) = canvas()
+    for name, line in zip(curves.columns[1:], LINES, strict=False):
+        k = name.split("_")[1]
+        axes.loglog(curves["point"], curves[name], ls=line, label=f"k = {k}")
+    for value in eps_mm:
+        axes.axhline(value, color="0.7", lw=0.5, ls="-")
+        axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
+    axes.set(xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
+    axes.legend()
+    return picture
+
+
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return tracks with an extra row in every gap, so that lines break there.
+    """Add an empty row to tracks in every gap, so that lines break there.
 
     Input and result have ``particle``, ``frame``, ``row`` and ``col`` (px); row and col
     of the extra rows are NaN.
     """
-    places = tracks[["particle", "frame", "row", "col"]].sort_values(
-        ["particle", "frame"]
-    )
+    order = ["particle", "frame"]
+    places = tracks[[*order, "row", "col"]].sort_values(order)
     behind = places[places.groupby("particle")["frame"].diff() > 1]
     empty = behind.assign(frame=behind["frame"] - 1, row=np.nan, col=np.nan)
-    return pd.concat([places, empty]).sort_values(
-        ["particle", "frame"], ignore_index=True
-    )
+    return pd.concat([places, empty]).sort_values(order, ignore_index=True)
 
 
 def upright(places_mm: npt.ArrayLike) -> Array:
@@ -366,8 +413,8 @@ def label_space(
     axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int
 ) -> None:
     """Label three axes; ``pads`` and ``ticks`` shift labels and ticks (points)."""
-    for axis, label, pad in zip("xyz", labels, pads, strict=True):
-        axes.set(**{f"{axis}label": label})
-        getattr(axes, f"{axis}axis").labelpad = pad
+    axes.set_xlabel(labels[0], labelpad=pads[0])
+    axes.set_ylabel(labels[1], labelpad=pads[1])
+    axes.set_zlabel(labels[2], labelpad=pads[2])
     axes.tick_params(pad=ticks)
     axes.locator_params(nbins=4)

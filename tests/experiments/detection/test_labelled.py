@@ -1,13 +1,11 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 from kilnflight import background, chain
-from kilnflight.detection import DoG
+from kilnflight.detection import DoG, QuasiClusterCenters
 from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments.detection import labelled, sift_row, summaries
-from kilnflight.publication import claims
 from kilnflight.simulated.kiln import truth
 
 MEDIAN = background.Median(window=20)
@@ -15,10 +13,18 @@ MEDIAN = background.Median(window=20)
 
 @pytest.fixture(scope="module")
 def subset(kept_scene):
-    twin, frames = kept_scene("V3@small"), (75, 76)
+    twin = kept_scene("V3@small")
+    frames = (75, 76)
     instances = {t: truth.instances(twin, t) for t in frames}
-    marked = truth.marked(twin, frames)
-    return labelled.Subset("V3", twin, frames, marked, instances.get, MEDIAN, {})
+    return labelled.Subset(
+        name="V3",
+        recording=twin,
+        frames=frames,
+        particles=truth.marked(twin, frames),
+        instances=instances.get,
+        background=MEDIAN,
+        cache={},
+    )
 
 
 def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
@@ -29,7 +35,7 @@ def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
         return subset.particles.loc[here, ["row", "col"]].to_numpy()
 
     methods = {"all": perfect, "none": lambda view: np.empty((0, 2))}
-    table = labelled.run([subset], methods)
+    table = labelled.score_methods([subset], methods)
     total = labelled.sum_counts(table, ["method"]).set_index("method")
     assert total.loc["all", ["precision", "recall", "f1"]].tolist() == [1, 1, 1]
     assert total.loc["all", "tp"] == len(subset.particles)
@@ -43,7 +49,7 @@ def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
 
 
 def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
-    """Section 3.3 calls the threshold a diameter; Eq. 3.4 compares it with a distance."""
+    """Section 3.3 calls 45 px a diameter; Eq. 3.4 compares them with a distance."""
     middle = np.array(subset.recording.attributes.size) / 2
     here = subset.particles[subset.particles["frame"] == 75]
     off = np.hypot(here["row"] - middle[0], here["col"] - middle[1])
@@ -52,7 +58,7 @@ def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
     methods = {
         gap: lambda _, gap=gap: np.array([[row + gap, col]]) for gap in (22, 30, 46)
     }
-    table = labelled.run([alone], methods)
+    table = labelled.score_methods([alone], methods)
     assert table["tp"].tolist() == [1, 1, 0]
     assert table["tp_near"].tolist() == [1, 0, 0]
     assert table["fn_near"].tolist() == [0, 1, 1]
@@ -92,7 +98,9 @@ def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subs
             method = labelled.from_foreground(
                 DoG(one.loc[name, "threshold"], edge=edge)
             )
-            counts = labelled.run([own], {"SIFT": method})[["tp", "fp", "fn"]].sum()
+            counts = labelled.score_methods([own], {"SIFT": method})[
+                ["tp", "fp", "fn"]
+            ].sum()
             assert one.loc[name, ["tp", "fp", "fn"]].tolist() == counts.tolist()
         assert one.loc["Total", "fp"] == one.loc[["V3", "V5"], "fp"].sum()
         off = (
@@ -103,38 +111,24 @@ def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subs
     assert table.loc[2.0]["tp"].sum() <= table.loc[10.0]["tp"].sum()
 
 
-def test_all_eleven_methods_obey_the_rules_of_one_combination(subset):
-    few = subset._replace(frames=(75,))
-    roi = subset.recording.attributes.roi
-    printed = claims.published("table_5.11")["method"].tolist()
-    found = {}
-    for largest in (90.0, 1e-3):
-        methods = labelled.table_5_11_methods(
-            Combination(DoG(500.0), largest_px=largest), roi, {}
-        )
-        assert list(methods) == printed
-        table = labelled.run([few], methods).set_index("method")
-        found[largest] = table["tp"] + table["fp"]
-    assert (found[90.0] > 0)[["2D-OTSU", "2D-SIFT"]].all()
-    assert found[1e-3][["2D-OTSU", "2D-SIFT"]].tolist() == [0, 0]
-    clouds = [name for name in printed if name.startswith("3D")]
-    assert found[1e-3][clouds].tolist() == found[90.0][clouds].tolist()
+def test_keypoints_above_the_largest_are_left_out(subset):
+    ((_, view),) = labelled.subset_views(subset._replace(frames=(75,)))
+    detector = DoG(500.0)
+    counts = [
+        len(labelled.from_foreground(detector, largest)(view))
+        for largest in (1e-3, 20.0, 90.0)
+    ]
+    assert counts[0] == 0 < counts[1] <= counts[2]
 
 
-def test_rules_on_one_recording_share_clusters_but_not_keypoints(subset):
-    """Each rule gives what it gives alone; clusters are found once, as by their
-    clusterer.
-    """
-    few, known = subset._replace(frames=(75,)), {}
-    counts = ["method", "tp", "fp", "fn"]
-    for threshold in (200.0, 5000.0):
-        rule = Combination(DoG(threshold))
-        shared = labelled.run([few], labelled.table_5_11_methods(rule, None, known))
-        alone = labelled.run([few], labelled.table_5_11_methods(rule, None, {}))
-        pd.testing.assert_frame_equal(shared[counts], alone[counts])
-        assert len(known) == 6 * 2  # also of the untimed first calls
-    ((_, view),) = labelled.subset_views(few)
-    for (passes, _, points), labels in known.items():
-        xyz = view.xyz[:points]
-        expected = second_pass(xyz, *passes) if passes[1:] else passes[0](xyz)
+def test_clusters_are_found_once_and_as_by_their_clusterer(subset):
+    ((_, view),) = labelled.subset_views(subset._replace(frames=(75,)))
+    clusters = labelled.SharedClusters()
+    alone = (QuasiClusterCenters(30, 0.1),)
+    for passes in (*labelled.PASSES.values(), alone):
+        labels = clusters(view, *passes)
+        expected = second_pass(view.xyz, *passes) if passes[1:] else alone[0](view.xyz)
         np.testing.assert_array_equal(labels, expected)
+        assert clusters(view, *passes) is labels
+    few = view._replace(xyz=view.xyz[:100], pixels=view.pixels[:100])
+    assert len(clusters(few, *alone)) == 100

@@ -35,18 +35,3 @@ def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     apart = varied["recall"]["other"] - varied["recall"]["one"]
     np.testing.assert_allclose(apart, 0.1)  # the same frames for both
     assert varied["recall"]["one"].nunique() > 5
-
-
-def test_particles_are_classified_by_their_distance_from_the_axis():
-    marked = pd.DataFrame(
-        {"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"}
-    )
-    marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
-    thresholds = {"low": 750.0, "high": 800.0}
-    more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])
-    table = summaries.classification_table(more, more, thresholds, None)
-    counts = table.set_index(["threshold", "subset"])
-    assert counts.loc[("low", "V1"), ["tp", "fp", "fn"]].tolist() == [2, 0, 2]
-    assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]
-    assert counts.loc[("high", "Total"), ["tp", "fp", "fn"]].tolist() == [6, 3, 0]
-    assert counts.loc[("high", "Total"), ["precision", "recall"]].tolist() == [2 / 3, 1]

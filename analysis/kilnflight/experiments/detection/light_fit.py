@@ -2,7 +2,7 @@
 
 ``python -m kilnflight.experiments.detection.light_fit`` fits for some ten minutes,
 prints the inputs, and compares them with the thesis for three seeds.
-`kilnflight.simulated.kiln.light.Optics` has its result, rounded by hand. It looks at
+`kilnflight.simulated.kiln.light.Optics` has its result, rounded by hand. It reads
 Otsu's method alone: precision and recall by subset (Table 5.5), recall of burning and
 unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexposed
 (section 3.1). The background is the simulation's own without particles.
@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize
 
-from kilnflight.arrays import Single
+from kilnflight.arrays import Integers, Single
 from kilnflight.detection import Otsu
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.region import inside
@@ -28,23 +28,18 @@ from kilnflight.simulated.kiln import scenes
 from kilnflight.simulated.kiln.feeding import BURNING, LABELLED, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.light import Optics
-from kilnflight.simulated.kiln.scene import Twin
+from kilnflight.simulated.kiln.scene import SceneView, Twin
 
 FITTED = ("paper", "paper_spread", "flame", "thick_mm", "gas_mm", "flame_softness")
 SEEDS = (0, 1, 2)
 FRAMES = (80,)  # of the search: the ten labelled ones show nearly the same particles
 LARGE_PX = 15.0  # "approximately all particles" are smaller (section 3.3)
 CORE = 0.7  # share of a flame's radius within which a pixel is at full scale
-UNLIT_RECALL = {
-    "V1": 0.16,
-    "V2": 0.16,
-    "V3": 0.16,
-    "V4": 0.0,
-    "V5": 0.35,
-}  # section 5.1.3
+# section 5.1.3
+UNLIT_RECALL = {"V1": 0.16, "V2": 0.16, "V3": 0.16, "V4": 0.0, "V5": 0.35}
 # Deviations that count 1 in the misfit, for each subset
 BY_SUBSET = {"precision": 0.02, "recall": 0.04, "recall of the unlit": 0.04}
-# Of all subsets: printed value, and that deviation
+# Printed value of all subsets, and the deviation that counts 1
 TOTALS = {
     "recall in air": (1.0, 0.04),
     "recall on the wall": (0.9, 0.04),
@@ -52,8 +47,8 @@ TOTALS = {
     "share above 15 px": (0.0, 0.02),
     "share of flames overexposed": (1.0, 0.1),
 }
-# The median unlit particle must not outshine the wall. Bodies are darker and two in
-# five, so it is the paper below which a sixth of all paper lies.
+# The median unlit particle must not outshine the wall. Bodies are darker than paper and
+# two in five, so that it is the paper below which a sixth of all paper lies.
 LARGEST_UNLIT = 0.9
 SIXTH = -0.967
 
@@ -61,23 +56,18 @@ Prepared = list[tuple[Twin, Single]]
 
 
 def prepare(seeds: Iterable[int], names: Iterable[str] = scenes.SUBSETS) -> Prepared:
-    """Return scenes of some seeds, each with its background: a median without
-    particles.
-    """
-    twins = [scenes.open_scene(name, seed) for seed in seeds for name in names]
-    return [
-        (
-            twin,
-            np.median([twin.empty(t) for t in range(0, 160, 20)], axis=0).astype(
-                np.float32
-            ),
-        )
-        for twin in twins
-    ]
+    """Open scenes of some seeds, each with the median of frames without particles."""
+    prepared = []
+    for seed in seeds:
+        for name in names:
+            twin = scenes.open_scene(name, seed)
+            empty = [twin.empty(t) for t in range(0, 160, 20)]
+            prepared.append((twin, np.median(empty, axis=0).astype(np.float32)))
+    return prepared
 
 
 def with_light(twin: Twin, optics: Optics) -> Twin:
-    """Return a recording in another light; flights and walls stay."""
+    """Put a recording into another light; flights and walls stay."""
     other = Twin(replace(twin.scene, optics=optics))
     for name in ("life", "_background", "_noise", "_bodies"):
         other.__dict__[name] = getattr(twin, name)
@@ -85,43 +75,53 @@ def with_light(twin: Twin, optics: Optics) -> Twin:
 
 
 def _counts(twin: Twin, background: Single, t: int) -> dict[str, float]:
-    """Return what is counted in one frame: detections by Otsu, recalls by class, radii."""
+    """Count detections by Otsu, recalls by class, radii and flames of one frame."""
     view = twin.view(t)
-    gray = twin.exposed(t, view.picture)
-    foreground = np.rint(np.maximum(gray - background, 0.0)).astype(np.uint16)
-    foreground[flame_mask(gray, twin.scene.interior.flame_roi)] = 0
     roi = twin.scene.roi
     marked = view.visible & inside(roi, view.blobs.row, view.blobs.column)
     places = np.column_stack([view.blobs.row, view.blobs.column])[marked]
-    score = score_detections(places, Otsu()(foreground)[:, :2], roi=roi)
+    spots = Otsu()(_foreground(twin, background, t, view.picture))
+    score = score_detections(places, spots[:, :2], roi=roi)
+    found = np.isin(np.arange(len(places)), score.pairs[:, 0])
     area = np.bincount(view.pixels.blob[view.shown], minlength=len(marked))[marked]
     radius = np.sqrt(area / np.pi)
-    flames = np.flatnonzero(view.visible & (view.kinds == BURNING))
-    full = view.picture.reshape(-1)[view.pixels.place] >= FULL_SCALE
-    cores = view.pixels.blob[full & (view.pixels.radius <= CORE)]
-    found = np.isin(np.arange(len(places)), score.pairs[:, 0])
+    flames, overexposed = _count_flames(view)
     counts: dict[str, float] = {
         "tp": score.tp,
         "fp": score.fp,
         "fn": score.fn,
         "radius": float(radius.sum()),
         "large": int((radius > LARGE_PX).sum()),
-        "flames": len(flames),
-        "overexposed": int(np.isin(flames, cores).sum()),
+        "flames": flames,
+        "overexposed": overexposed,
     }
     for kind in (BURNING, UNLIT, ON_WALL):
         of_kind = view.kinds[marked] == kind
-        counts |= {
-            f"seen {kind}": int(of_kind.sum()),
-            f"found {kind}": int(found[of_kind].sum()),
-        }
+        counts[f"seen {kind}"] = int(of_kind.sum())
+        counts[f"found {kind}"] = int(found[of_kind].sum())
     return counts
+
+
+def _foreground(twin: Twin, background: Single, t: int, picture: Single) -> Integers:
+    """Subtract the background from a picture with noise; the burner's flame is 0."""
+    gray = twin.exposed(t, picture)
+    foreground = np.rint(np.maximum(gray - background, 0.0)).astype(np.uint16)
+    foreground[flame_mask(gray, twin.scene.interior.flame_roi)] = 0
+    return foreground
+
+
+def _count_flames(view: SceneView) -> tuple[int, int]:
+    """Return the number of visible flames, and of those with an overexposed core."""
+    flames = np.flatnonzero(view.visible & (view.kinds == BURNING))
+    full = view.picture.reshape(-1)[view.pixels.place] >= FULL_SCALE
+    cores = view.pixels.blob[full & (view.pixels.radius <= CORE)]
+    return len(flames), int(np.isin(flames, cores).sum())
 
 
 def count(
     prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES
 ) -> pd.DataFrame:
-    """Return the sums of counts over frames, one row per seed and subset."""
+    """Sum counts over frames, one row per seed and subset."""
     rows = []
     for first, background in prepared:
         twin = with_light(first, optics)
@@ -132,7 +132,7 @@ def count(
 
 
 def _rates(sums: pd.DataFrame) -> pd.DataFrame:
-    """Return the quantities of the fit from sums of counts, row by row."""
+    """Compute the quantities of the fit from sums of counts, row by row."""
     marked = sums["tp"] + sums["fn"]
     columns = {
         "precision": sums["tp"] / (sums["tp"] + sums["fp"]),
@@ -148,27 +148,30 @@ def _rates(sums: pd.DataFrame) -> pd.DataFrame:
 
 
 def compare(counts: pd.DataFrame) -> pd.DataFrame:
-    """Return ``quantity``, ``subset``, ``printed``, ``ours`` and ``sd`` of the misfit."""
+    """Compare the quantities of the fit with print, by subset and in total.
+
+    Returns
+    -------
+    DataFrame
+        ``quantity``, ``subset`` ("all" in total), ``printed``, ``ours`` and ``sd``, the
+        deviation that counts 1 in the misfit.
+    """
     sums = counts.groupby("subset").sum(numeric_only=True)
-    ours = _rates(sums)
     printed = claims.published("table_5.5").set_index("subset")
     printed["recall of the unlit"] = pd.Series(UNLIT_RECALL)
-    parts = [
-        pd.DataFrame(
-            {"quantity": name, "printed": printed[name], "ours": ours[name], "sd": sd}
-        )
-        for name, sd in BY_SUBSET.items()
-    ]
-    table = pd.concat(parts).loc[ours.index].rename_axis("subset").reset_index()
-    total = pd.DataFrame(TOTALS, index=["printed", "sd"]).T.rename_axis("quantity")
-    total["ours"] = _rates(sums.sum().to_frame().T).iloc[0]
-    return pd.concat(
-        [table, total.reset_index().assign(subset="all")], ignore_index=True
-    )
+    rows: list[tuple[Any, ...]] = []
+    for row in _rates(sums).reset_index().to_dict("records"):
+        subset = row["subset"]
+        for name, sd in BY_SUBSET.items():
+            rows.append((name, subset, printed[name][subset], row[name], sd))
+    total = _rates(sums.sum().to_frame().T).iloc[0]
+    for name, (value, sd) in TOTALS.items():
+        rows.append((name, "all", value, total[name], sd))
+    return pd.DataFrame(rows, columns=["quantity", "subset", "printed", "ours", "sd"])
 
 
 def misfit(prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES) -> float:
-    """Return the sum of squared deviations from print over their standard deviations."""
+    """Return the sum of squared deviations from print, in units of ``sd``."""
     unlit = optics.paper * np.exp(SIXTH * optics.paper_spread)
     if unlit > LARGEST_UNLIT or not 0.1 < optics.flame_softness < 1.0:
         return 1e6
@@ -179,7 +182,24 @@ def misfit(prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES) -
 def fit(
     prepared: Prepared, start: Optics, steps: int, frames: Iterable[int] = FRAMES
 ) -> tuple[Optics, float]:
-    """Return the light of the least misfit found by Nelder and Mead, and the misfit."""
+    """Find the light of the least misfit by Nelder and Mead.
+
+    Parameters
+    ----------
+    prepared
+        From `prepare`.
+    start
+        Light from which the search starts; what is not in `FITTED` stays.
+    steps
+        Largest number of evaluations.
+    frames
+        Frames of each scene.
+
+    Returns
+    -------
+    light : Optics
+    misfit : float
+    """
     first = np.array([getattr(start, name) for name in FITTED])
 
     def light(logarithms: Any) -> Optics:
@@ -189,21 +209,24 @@ def fit(
     def cost(logarithms: Any) -> float:
         return misfit(prepared, light(logarithms), frames)
 
-    n = len(FITTED)
-    simplex = np.vstack([np.zeros(n), 0.15 * np.eye(n)])
+    count = len(FITTED)
     options: Any = {
         "maxfev": steps,
-        "initial_simplex": simplex,
+        "initial_simplex": np.vstack([np.zeros(count), 0.15 * np.eye(count)]),
         "xatol": 0.01,
         "fatol": 0.5,
     }
-    best = minimize(cost, np.zeros(n), method="Nelder-Mead", options=options)
+    best = minimize(cost, np.zeros(count), method="Nelder-Mead", options=options)
     return light(best.x), float(best.fun)
 
 
 def report(counts: pd.DataFrame) -> pd.DataFrame:
-    """Return `compare` of counts seed by seed: ``quantity``, ``subset``, ``printed``,
-    and seeds.
+    """Compare counts with print seed by seed.
+
+    Returns
+    -------
+    DataFrame
+        ``quantity``, ``subset``, ``printed``, and a column for each seed.
     """
     table = compare(counts)[["quantity", "subset", "printed"]]
     for seed, one in counts.groupby("seed"):

@@ -1,4 +1,4 @@
-"""What identifies r of Eq. 2.28 and the clutter: the total row of SIFT in Table 5.6.
+"""Identify r of Eq. 2.28 and the clutter by the total row of SIFT in Table 5.6.
 
 Neither is printed. Both change the F1 of SIFT and its false detections, and these two
 numbers identify them; so the row tests nothing.
@@ -35,7 +35,7 @@ CLUTTER = (1500.0, 2000.0, 2500.0, 3000.0)  # mean grey value of a spot
 
 
 def with_clutter(subset: labelled.Subset, gray: float) -> labelled.Subset:
-    """Return a labelled subset with another strength of its clutter, in grey values."""
+    """Give a labelled subset clutter of another strength in grey values."""
     scene = cast(Twin, subset.recording).scene
     twin = Twin(replace(scene, interior=replace(scene.interior, clutter_gray=gray)))
     return subset._replace(
@@ -49,10 +49,9 @@ def with_clutter(subset: labelled.Subset, gray: float) -> labelled.Subset:
 def edge_table(
     subsets: list[labelled.Subset], scale: str, edges: Iterable[float]
 ) -> pd.DataFrame:
-    """Return Table 5.6 of SIFT for each r of Eq. 2.28, beside print.
+    """Tabulate Table 5.6 of SIFT for each r of Eq. 2.28, beside print.
 
-    Its total row identifies r, and with it what the simulation holds of faint false
-    particles.
+    Its total row identifies r, and with it the clutter of the simulation.
 
     Returns
     -------
@@ -69,14 +68,12 @@ def edge_table(
     table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
     printed = claims.published("table_5.6").set_index("test_set")["FP"]
-    printed["Total"] = printed.drop(
-        "Total"
-    ).sum()  # the cells of this row are shifted in print
+    # the cells of the total row are shifted in print
+    printed["Total"] = printed.drop("Total").sum()
     table["fp_published"] = table["subset"].map(printed)
     more = 2 * (np.sqrt(table["fp"]) - np.sqrt(table["fp_published"]))
-    return table.assign(
-        misfit=np.hypot(100 * (table["f1"] - table["f1_published"]), more)
-    )
+    off = 100 * (table["f1"] - table["f1_published"])
+    return table.assign(misfit=np.hypot(off, more))
 
 
 def identify(
@@ -85,7 +82,7 @@ def identify(
     edges: Sequence[float],
     grays: Sequence[float],
 ) -> pd.DataFrame:
-    """Return the total row of Table 5.6 for each r and clutter, the best first.
+    """Tabulate the total row of Table 5.6 for each r and clutter, the best first.
 
     Columns are ``clutter_gray`` and those of `edge_table`.
     """
@@ -98,9 +95,7 @@ def identify(
 
 
 def main() -> None:
-    """Identify r and clutter on the simulation that is shown; print all pairs and keep
-    them.
-    """
+    """Identify r and clutter on the published simulation; print and keep all pairs."""
     table = identify(labelled.labelled_subsets("full"), "full", EDGES, CLUTTER)
     table = table[["edge", "clutter_gray", "tp", "fp", "fn", "f1", "misfit"]].round(4)
     write_whole(paths.reference() / "sift_row.csv", table.to_csv(index=False).encode())

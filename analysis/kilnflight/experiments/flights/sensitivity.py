@@ -27,7 +27,7 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
     roi = subsets[0].recording.attributes.roi
     detector = Combination(labelled.sift(settings.threshold))
     methods = {"": lambda view: detector(view, roi, 0)[["row", "col"]].to_numpy()}
-    found = labelled.sum_counts(labelled.run(subsets, methods), ["method"])
+    found = labelled.sum_counts(labelled.score_methods(subsets, methods), ["method"])
     results = campaigns.results(
         scale, seed, jobs, scenario, [(name, 4.5) for name in PAPERS]
     )
