@@ -218,7 +218,11 @@ def attempt(subsets, clusterers):
     methods |= {key: partial(clustered, each) for key, each in clusterers.items()}
     attempts = labelled.score_methods(subsets, methods, TwoFrame())
     attempts[["family", "row"]] = attempts["method"].to_list()
-    return attempts[attempts["family"] != "search"]
+    searched = attempts["family"] == "search"
+    attempts["spent"] = attempts["seconds"].where(searched)
+    spent = attempts.groupby(["subset", "frame"])["spent"].transform("max")
+    attempts.loc[attempts["family"] == "QCC", "seconds"] += spent
+    return attempts[~searched]
 
 
 attempts = attempt(subsets, clusterers)
@@ -247,8 +251,8 @@ figures.save("table-5-9-mo", tables["MO"], caption=caption, provenance=origin)
 
 # %%
 caption = (
-    f"Quasi-cluster centres with the parameters of Table 5.10 {scored} Seconds leave "
-    "out the search of neighbours, which all rows share."
+    f"Quasi-cluster centres with the parameters of Table 5.10 {scored} Seconds "
+    "include one search of neighbours, which all rows share."
 )
 figures.save("table-5-10-qcc", tables["QCC"], caption=caption, provenance=origin)
 
