@@ -26,6 +26,8 @@ jobs = 2  # processes of the detection
 
 # %%
 from dataclasses import replace
+from functools import partial
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -36,10 +38,10 @@ from kilnflight.experiments.flights import campaigns, ignition, trackers, tracki
 from kilnflight.experiments.flights import track_scores as scores
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.kiln import scenes
-from kilnflight.tracklets.joining import Joining
 
 style.use_style()
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
+save = partial(figures.save, provenance=origin)
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
 
@@ -55,31 +57,14 @@ windows = tracking.windows(scale, learned, seed, jobs=jobs)
 # %%
 printed = claims.published("table_5.15")
 amount = printed["amount_of_trajectories"].set_axis(printed["fraction"].str.lower())
-rows = []
-for window in windows:
-    scored = scores.true_from_lance(window.truth, window.lance)
-    row = {
-        "fraction": window.fraction,
-        "first_frame": window.frames.start,
-        "frames": len(window.frames),
-        "trajectories": window.truth["particle"].nunique(),
-        "trajectories_from_lance": scored["particle"].nunique(),
-        "positions_visible": len(window.visible),
-        "positions": len(window.truth),
-        "detections": len(window.detections),
-        "of_no_particle": (
-            tracking.true_particles(window.detections, window.visible) < 0
-        ).sum(),
-    }
-    rows.append(row)
-counted = pd.DataFrame(rows)
+counted = pd.DataFrame([tracking.count_window(window) for window in windows])
 counted["trajectories_published"] = counted["fraction"].str.lower().map(amount)
 caption = (
     "Windows of the campaigns beside Table 5.15. Trajectories: all that a person would "
     "note; from lance: those scored. Of no particle: detections over 10 px from all "
     "visible positions."
 )
-figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
+save("table-5-15-windows", counted, caption=caption)
 
 # %% [markdown]
 # ## Settings
@@ -92,13 +77,14 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 
 # %%
 caption = "Settings of both trackers and what decides them. No work prints any of them."
-settings = trackers.settings().reset_index()
-figures.save("tracker-settings", settings, caption=caption, provenance=origin)
+save("tracker-settings", trackers.settings().reset_index(), caption=caption)
+
+# %%
 caption = (
     "Limits of Eq. 4.14 tried on the full windows: sum of squared differences of "
     "JSC_theta without post-processing from Table 5.17, and the eight values."
 )
-figures.save("tracker-limits", trackers.limits(), caption=caption, provenance=origin)
+save("tracker-limits", trackers.limits(), caption=caption)
 
 # %% [markdown]
 # ## Table 5.17
@@ -112,7 +98,7 @@ figures.save("tracker-limits", trackers.limits(), caption=caption, provenance=or
 ours = {name: trackers.chosen(name) for name in scores.TRACKERS}
 tracked = tracking.follow_all(windows, ours)
 cells = tracking.cells(windows, tracked)
-measured = scores.tabulate(cells.values())
+measured = scores.tabulate(cells)
 wide = scores.published().pivot(
     index=scores.KEYS, columns="measure", values="published"
 )
@@ -122,7 +108,7 @@ caption = (
     "lance, scoring distance 10 px, 95 % intervals (bootstrap over true tracks; none "
     "with fewer than six)."
 )
-figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
+save("table-5-17-tracking", table, caption=caption)
 
 # %% [markdown]
 # The same values one per row, then the differences that section 5.2.3 speaks of. An
@@ -131,80 +117,48 @@ figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%
 beside = scores.beside_published(measured)
-apart = scores.differences(cells)
+table = pd.concat([beside, scores.differences(cells)], ignore_index=True)
 
 # %% tags=["hide-input"]
-picture, grid = style.canvas(
-    2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True, sharey=True
-)
-looks = {
-    "recomputed": {"marker": "o", "color": "black", "ms": 3},
-    "published": style.PUBLISHED,
-}
+size = {"width_mm": style.PAGE_MM, "height_mm": 130}
+picture, grid = style.canvas(2, 2, sharex=True, sharey=True, **size)
 for axes, (measure, part) in zip(grid.flat, beside.groupby("measure"), strict=True):
-    part = part.pivot(index=scores.KEYS[:2], columns="postprocessing")
-    for shift, (source, look) in zip((-0.15, 0.25), looks.items(), strict=True):
+    part = part.pivot(index=["fraction", "tracker"], columns="postprocessing")
+    axes.set_title(plots.SYMBOLS[measure])
+    axes.set_yticks(range(len(part)), part.index.map(", ".join))
+    for stage, shift, face in (("without", -0.2, {"mfc": "white"}), ("with", 0.1, {})):
         place = np.arange(len(part)) + shift
-        line = {**look, "ls": ""}
-        ends = part[source, "without"], part[source, "with"]
-        axes.hlines(place, *ends, look["color"], lw=0.7)
-        for stage, face in (("without", "white"), ("with", look["color"])):
-            label = f"{source}, {stage} post-processing"
-            axes.plot(
-                part[source, stage], place, **{**line, "mfc": face, "label": label}
-            )
-    for stage, shift in (("without", -0.3), ("with", -0.05)):
-        ends = part["low", stage], part["high", stage]
-        axes.hlines(np.arange(len(part)) + shift, *ends, color="black", lw=0.4)
-    axes.set_yticks(range(len(part)), [", ".join(names) for names in part.index])
-    axes.set(
-        title=plots.SYMBOLS[measure], xlim=(-0.02, 1.02), ylim=(len(part) - 0.5, -0.6)
-    )
-_ = [axes.set_xlabel("measure") for axes in grid[-1]]
-_ = picture.legend(
-    *grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2
-)
-
-# %%
-table = pd.concat([beside, apart], ignore_index=True)
+        axes.hlines(place, part["low", stage], part["high", stage], "black")
+        axes.plot(part["recomputed", stage], place, "ok", ms=3, **face)
+        axes.plot(part["published", stage], place, **{**style.PUBLISHED, **face})
 caption = (
-    "The 64 values of Table 5.17 recomputed (black, with 95 % intervals) and published "
-    "(diamonds), from without (open) to with post-processing (filled). The table adds "
-    "paired differences."
+    "The 64 values of Table 5.17 recomputed (circles, with 95 % intervals) and "
+    "published (diamonds), without (open) and with post-processing (filled). The table "
+    "adds paired differences."
 )
-figures.save(
-    "tracking-scores", table, picture=picture, caption=caption, provenance=origin
-)
+save("tracking-scores", table, picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Tracks beside the true trajectories
 
-# %%
-shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
-tables = {window.fraction: {"truth": window.truth} for window in shown}
-for (fraction, name), stages in tracked.items():
-    if fraction in tables:
-        tables[fraction] |= {
-            f"{name} {stage} steps": each for stage, each in stages.items()
-        }
-
 # %% tags=["hide-input"]
+shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
 picture, grid = style.canvas(5, len(shown), width_mm=130, height_mm=200)
+tables = {}
 for window, column in zip(shown, grid.T, strict=True):
-    _, height, width = window.differences.shape
-    light = window.differences(window.frames[0], window.frames[-1], 0, 0, height, width)
-    for axes, (name, each) in zip(column, tables[window.fraction].items(), strict=True):
+    fraction = window.fraction
+    drawn = {"truth": window.truth}
+    for name in ours:
+        for stage, tracks in tracked[fraction, name].items():
+            drawn[f"{name} {stage} steps"] = tracks
+    first = window.frames.start
+    light = window.differences[first : window.frames.stop, :, :].sum(axis=0)
+    for axes, (name, tracks) in zip(column, drawn.items(), strict=True):
+        tables[fraction, name] = tracks
         style.draw_frame(axes, light, 8)
-        tracks = tracklets.tracked(each)
-        near = tracks["particle"].isin(
-            scores.from_lance(tracks, window.lance)["particle"]
-        )
-        style.draw_tracks(axes, tracks[~near], "0.55")
-        style.draw_tracks(axes, tracks[near])
-        axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
-    column[-1].set_xlabel("column (px)")
-
-# %%
+        style.draw_tracks(axes, tracklets.tracked(tracks), "0.55")
+        style.draw_tracks(axes, scores.from_lance(tracks, window.lance))
+        axes.set_title(f"{fraction}: {name}")
 caption = (
     "Simulated: true trajectories and those of GNN and JPDA, without and with "
     "post-processing, on the sum of frame differences; after Figs 5.12, 5.14 and 5.15. "
@@ -212,9 +166,7 @@ caption = (
     "cut out."
 )
 table = tracking.joined_tables(tables, "tracks")
-figures.save(
-    "fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin
-)
+save("fig-5-12-trajectories", table, picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Optical ground truth
@@ -222,52 +174,28 @@ figures.save(
 # Paths become visible in the background plus the greatest difference of each pixel from
 # it.
 
-# %%
-optical = {}
-paths = []
-frames = {"quick": 5, "standard": 50, "full": 300}[scale]
-for name in counted["fraction"]:
-    twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
-    window = scenes.tracking_window(twin)[:frames]
-    optical[name] = ignition.optical_picture(twin, window)
-    height = twin.attributes.rows
-    width = twin.attributes.columns
-    for t in window:
-        moment = twin.life.at(twin.time_s(t))
-        place = twin.scene.geometry
-        row, col = place.project(place.to_camera(moment.position_m))
-        each = pd.DataFrame(
-            {"particle": moment.particle, "frame": t, "row": row, "col": col}
-        )
-        inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        paths.append(each[~moment.landed & inside].assign(fraction=name))
-paths = pd.concat(paths)
-
 # %% tags=["hide-input"]
-number = len(optical)
-picture, grid = style.canvas(number, 2, width_mm=style.PAGE_MM, height_mm=62.5 * number)
-for panels, (name, image) in zip(grid, optical.items(), strict=True):
-    low, high = np.quantile(image, [0.01, 0.998])
-    style.draw_frame(panels[0], np.clip((image - low) / max(high - low, 1.0), 0, 1), 4)
-    panels[0].set(title=f"{name}: optical picture", ylabel="row (px)")
-    for _, path in plots.broken_at_gaps(paths[paths["fraction"] == name]).groupby(
-        "particle"
-    ):
-        panels[1].plot(path["col"], path["row"], "-", color="black", lw=0.5)
-    panels[1].set(
-        title=f"{name}: true paths", xlim=(0, 2047), ylim=(1535, 0), aspect="equal"
-    )
-_ = [axes.set_xlabel("column (px)") for axes in grid[-1]]
-
-# %%
+count = {"quick": 5, "standard": 50, "full": 300}[scale]
+size = {"width_mm": style.PAGE_MM, "height_mm": 62.5 * len(windows)}
+picture, grid = style.canvas(len(windows), 2, sharex=True, sharey=True, **size)
+parts = []
+for window, (left, right) in zip(windows, grid, strict=True):
+    name = window.fraction
+    twin = window.differences.source.recording()
+    frames = scenes.tracking_window(twin)[:count]
+    image = ignition.optical_picture(twin, frames)
+    style.draw_frame(left, np.clip(image, *np.quantile(image, [0.01, 0.998])), 4)
+    left.set_title(name)
+    path = tracking.flying_paths(twin, frames)
+    style.draw_tracks(right, plots.broken_at_gaps(path), "black")
+    right.set(aspect="equal", xlabel="column (px)")
+    parts.append(path.assign(fraction=name))
 caption = (
-    f"Background plus the greatest difference from it in up to {frames} frames, after "
+    f"Background plus the greatest difference from it in up to {count} frames, after "
     "Fig. 5.13, beside the true paths of particles in the air. Made like Fig. 5.17 "
     "(notebook 54)."
 )
-figures.save(
-    "fig-5-13-optical-truth", paths, picture=picture, caption=caption, provenance=origin
-)
+save("fig-5-13-optical-truth", pd.concat(parts), picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Claims
@@ -277,84 +205,69 @@ figures.save(
 
 
 # %%
-def decide(every, fails):
-    answer = True if np.all(every) else False if np.any(fails) else None
-    return answer if len(windows) == 4 else None
+def decide(holds, fails):
+    if len(windows) < 4:
+        return None
+    if np.all(holds):
+        return True
+    return False if np.any(fails) else None
 
 
-def alpha_and_beta(cells):
-    table = scores.tabulate(cells.values()).set_index("postprocessing")[
-        ["alpha", "beta"]
-    ]
-    return [table.loc[stage].mean().mean() for stage in scores.STAGES]
+def above_zero(part):
+    return decide(part["recomputed"] > 0, part["high"] <= 0)
+
+
+def beyond_chance(part):
+    return decide(part["low"] > 0, part["high"] < 0)
+
+
+def means(cells, measures):
+    stages = scores.tabulate(cells).groupby("postprocessing")
+    mean = stages[measures].mean().mean(axis=1)
+    return mean["without"], mean["with"]
 
 
 # %%
 def judge(cells):
-    beside = scores.beside_published(scores.tabulate(cells.values()))
-    by = {
-        int(claim[6:]): part
-        for claim, part in scores.differences(cells).groupby("claim")
-    }
-    rises = {
-        k: decide(part["recomputed"] > 0, part["high"] <= 0) for k, part in by.items()
-    }
-    clear = {k: decide(part["low"] > 0, part["high"] < 0) for k, part in by.items()}
-    value = {
-        k: part.set_index("fraction")["recomputed"].round(2) for k, part in by.items()
-    }
-    gains = by[1][by[1]["measure"] != "jsc_theta"]  # whose raw values are inputs
-    rises[1] = decide(gains["recomputed"] > 0, gains["high"] <= 0)
-    raw = beside.query("postprocessing == 'without' and measure in ['alpha', 'beta']")
-    raw = raw[raw["fraction"] != "wood chip"]
-    low = claims.all_of(rises[2], decide(raw["recomputed"] <= 0.43, raw["low"] > 0.43))
-    far = (by[3]["low"] > 0.05) | (
-        by[3]["high"] < -0.05
-    )  # "comparable" has no number: never True
-    before, after = alpha_and_beta(cells)
-    lifted = claims.all_of(
-        clear[9], decide(0.5 <= after <= 0.6, not 0.5 <= after <= 0.6)
+    by = dict(iter(scores.differences(cells).groupby("claim")))
+    before, after = means(cells, ["alpha", "beta"])
+    gains = by["track-1"].query("measure != 'jsc_theta'")  # raw JSC_theta are inputs
+    rising = f"{(gains['recomputed'] > 0).sum()} of {len(gains)} values rise"
+    reason = f"Without it alpha and beta are {before:.2f} on average."
+    yield claims.check("track-1", above_zero(gains), rising, reason)
+
+    raw = scores.beside_published(scores.tabulate(cells)).query(
+        "postprocessing == 'without' and measure in ['alpha', 'beta'] "
+        "and fraction != 'wood chip'"
     )
-    gain = f"{value[4].item():+.2f}"
-    least = value[5].nsmallest(1)
-    return [
-        claims.check(
-            "track-1",
-            rises[1],
-            f"{(gains['recomputed'] > 0).sum()} of {len(gains)} values rise",
-            f"Without it alpha and beta are {before:.2f} on average.",
-        ),
-        claims.check(
-            "track-2",
-            low,
-            raw["recomputed"].max(),
-            "The largest value but for wood chips.",
-        ),
-        claims.check(
-            "track-3",
-            decide(False, far),
-            value[3].min(),
-            "Comparable has no number; 0.05 is ours.",
-        ),
-        claims.check(
-            "track-4", clear[4], gain, "JPDA - GNN, mean of alpha, beta, JSC."
-        ),
-        claims.check(
-            "track-5",
-            rises[5],
-            least,
-            "The smallest difference, mean of both trackers.",
-        ),
-        claims.check(
-            "track-9", lifted, after, "The mean must be in 0.5 to 0.6, with a gain."
-        ),
-        claims.check(
-            "track-10",
-            clear[10],
-            value[10].item(),
-            "Difference of counts, JPDA minus GNN.",
-        ),
-    ]
+    others_low = decide(raw["recomputed"] <= 0.43, raw["low"] > 0.43)
+    low = claims.all_of(above_zero(by["track-2"]), others_low)
+    reason = "The largest value but for wood chips."
+    yield claims.check("track-2", low, raw["recomputed"].max(), reason)
+
+    apart = by["track-3"]
+    far = (apart["low"] > 0.05) | (apart["high"] < -0.05)
+    comparable = decide(False, far)  # "comparable" has no number: never True
+    least = apart["recomputed"].round(2).min()
+    reason = "Comparable has no number; 0.05 is ours."
+    yield claims.check("track-3", comparable, least, reason)
+
+    ahead = by["track-4"]
+    gain = f"{ahead['recomputed'].item():+.2f}"
+    reason = "JPDA - GNN, mean of alpha, beta, JSC."
+    yield claims.check("track-4", beyond_chance(ahead), gain, reason)
+    ranks = by["track-5"].set_index("fraction")
+    least = ranks["recomputed"].round(2).nsmallest(1)
+    reason = "The smallest difference, mean of both trackers."
+    yield claims.check("track-5", above_zero(ranks), least, reason)
+    in_range = 0.5 <= after <= 0.6
+    lifted = claims.all_of(beyond_chance(by["track-9"]), decide(in_range, not in_range))
+    reason = "The mean must be in 0.5 to 0.6, with a gain."
+    yield claims.check("track-9", lifted, after, reason)
+    more = by["track-10"]
+    reason = "Difference of counts, JPDA minus GNN."
+    number = more["recomputed"].item()
+    yield claims.check("track-10", beyond_chance(more), number, reason)
 
 
 # %% [markdown]
@@ -367,42 +280,25 @@ def judge(cells):
 # of the truth are straight lines. In a full run alone, detected anew: windows by the
 # flights that start in them (T5), and unlit particles that do not tumble (T7).
 
-# %%
-
-
-def on_lines(truth):
-    """Return true tracks with a position in each frame between their ends."""
-    parts = []
-    for particle, track in truth.groupby("particle"):
-        track = track.set_index("frame")[["row", "col", "x", "y", "z"]]
-        frames = range(track.index[0], track.index[-1] + 1)
-        track = track.reindex(frames).interpolate().rename_axis("frame").reset_index()
-        parts.append(track.assign(particle=particle))
-    return pd.concat(parts, ignore_index=True)
-
 
 # %%
-steps = [
-    replace(step, average=True) if isinstance(step, Joining) else step
-    for step in tracklets.STEPS
-]
-averaged = {
-    (window.fraction, name): tracking.processed(
-        window, tracked[window.fraction, name]["without"], steps
-    )
-    for window in windows
-    for name in scores.TRACKERS
-}
+*first_steps, connection, fusion = tracklets.STEPS
+averaging = [replace(step, average=True) for step in (connection, fusion)]
+averaged = {}
+long = {}
+for window, name in product(windows, ours):
+    key = (window.fraction, name)
+    stages = tracked[key]
+    steps = [*first_steps, *averaging]
+    averaged[key] = tracking.processed(window, stages["without"], steps)
+    long[key] = {stage: scores.lasting(tracks) for stage, tracks in stages.items()}
+missed = {"GNN": 5, "JPDA": 27}
 earlier = {
-    name: trackers.chosen(name, visibility=0.4, missed_frames=missed)
-    for name, missed in (("GNN", 5), ("JPDA", 27))
+    name: trackers.chosen(name, visibility=0.4, missed_frames=frames)
+    for name, frames in missed.items()
 }
-long = {
-    key: {stage: scores.lasting(tracks) for stage, tracks in stages.items()}
-    for key, stages in tracked.items()
-}
-every = [window._replace(truth=window.visible) for window in windows]
-bridged = [window._replace(truth=on_lines(window.truth)) for window in windows]
+every = [each._replace(truth=each.visible) for each in windows]
+bridged = [each._replace(truth=tracking.without_gaps(each.truth)) for each in windows]
 others = {
     "T1": tracking.cells(windows, averaged),
     "T2": tracking.cells(windows, tracking.follow_all(windows, earlier)),
@@ -411,72 +307,61 @@ others = {
     "T8": tracking.cells(bridged, tracked),
 }
 made_anew = {"T5": {"by_starts": True}, "T7": {"scenario": "steady-bodies"}}
-for choice, other in made_anew.items() if scale == "full" else ():
-    made = tracking.windows(scale, learned, seed, jobs=jobs, **other)
-    others[choice] = tracking.cells(made, tracking.follow_all(made, ours))
+if scale == "full":
+    for choice, other in made_anew.items():
+        made = tracking.windows(scale, learned, seed, jobs=jobs, **other)
+        others[choice] = tracking.cells(made, tracking.follow_all(made, ours))
 
 # %% [markdown]
 # What a person notes (T4): by fraction, the visible positions of true trajectories and
 # those noted, and the measures of GNN with post-processing against both.
 
+
 # %%
-rows = []
-for window in windows:
-    key = window.fraction, "GNN", "with"
-    noted, visible = (
-        scores.measures_of(each[key].score) for each in (cells, others["T4"])
-    )
-    row = {
-        "fraction": window.fraction,
-        "positions_visible": len(window.visible),
-        "positions_noted": len(window.truth),
-        "share_not_noted": 1 - len(window.truth) / max(len(window.visible), 1),
-    }
-    row |= {name: noted[name] for name in scores.MEASURES}
-    rows.append(row | {f"{name}_all": visible[name] for name in scores.MEASURES})
+def of_gnn(cells):
+    rows = scores.tabulate(cells).query("tracker == 'GNN' and postprocessing == 'with'")
+    return rows.set_index("fraction")[list(scores.MEASURES)]
+
+
+names = {"positions": "positions_noted"}
+notes = counted[["fraction", "positions_visible", "positions"]].rename(columns=names)
+notes["share_not_noted"] = 1 - notes["positions_noted"] / notes["positions_visible"]
+notes = notes.join(of_gnn(cells), on="fraction")
+notes = notes.join(of_gnn(others["T4"]).add_suffix("_all"), on="fraction")
 caption = (
     "True positions that a person notes, lighter than the kiln by 4 of 255 steps, of "
     "all that are visible. Measures of GNN with post-processing against those noted, "
     "and against all."
 )
-figures.save("tracking-notes", pd.DataFrame(rows), caption=caption, provenance=origin)
+save("tracking-notes", notes, caption=caption)
 
 # %%
-checks = judge(cells)
-
-
-def text(cells, what):
-    ends = alpha_and_beta(cells)
-    if what == "tracks":
-        table = scores.tabulate(cells.values()).set_index("postprocessing")["jsc_theta"]
-        ends = [table.loc[stage].mean() for stage in scores.STAGES]
-    return "-" if np.isnan(ends).any() else "{:.3f} -> {:.3f}".format(*ends)
-
-
+checks = list(judge(cells))
 quantities = {
-    "steps": "alpha and beta without -> with post-processing, mean",
-    "tracks": "JSC_theta without -> with post-processing, mean",
+    "alpha and beta without -> with post-processing, mean": ["alpha", "beta"],
+    "JSC_theta without -> with post-processing, mean": ["jsc_theta"],
 }
-compared = [
-    choices.compare(
-        choice,
-        quantity,
-        chosen=text(cells, what),
-        other=text(other, what),
-        turns=choices.turned(checks, judge(other)),
-    )
-    for choice, other in others.items()
-    for what, quantity in quantities.items()
-]
+compared = []
+for choice, other in others.items():
+    turns = choices.turned(checks, judge(other))
+    for quantity, measures in quantities.items():
+        ours, theirs = (
+            "{:.3f} -> {:.3f}".format(*means(each, measures)).replace("nan -> nan", "-")
+            for each in (cells, other)
+        )
+        result = choices.compare(
+            choice, quantity, chosen=ours, other=theirs, turns=turns
+        )
+        compared.append(result)
 
 # %%
-before, after = alpha_and_beta(cells)
+before, after = means(cells, ["alpha", "beta"])
 result = (
     f"Post-processing changes the track scores alpha and beta from {before:.2f} to "
     f"{after:.2f} on average (thesis: from 0.30 to 0.58)."
 )
 if "T7" in others:
-    raw, joined = alpha_and_beta(others["T7"])
+    raw, joined = means(others["T7"], ["alpha", "beta"])
     result += (
         f" If unlit particles do not tumble, it lifts them from {raw:.3f} to "
         f"{joined:.3f}."

@@ -18,21 +18,21 @@ scale = "standard"  # quick, standard or full: nothing here depends on it
 seed = 0  # nothing here is drawn at random
 
 # %%
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from matplotlib.patches import Rectangle
 
 from kilnflight import tracklets
+from kilnflight.experiments import plots
 from kilnflight.publication import figures, style
 from kilnflight.tracklets import joining
 from kilnflight.tracklets.paths import read_paths, turns, velocities
 
 style.use_style()
 origin = figures.trace("33_sketches", {"scale": scale}, seed=seed, mark="example")
+save = partial(figures.save, provenance=origin)
 _, outliers, connection, _ = tracklets.STEPS
-GREEN, RED, BLUE = (style.COLOURS[k] for k in (4, 1, 2))
 
 # %% [markdown]
 # ## Outliers
@@ -95,65 +95,67 @@ judged = pd.concat(parts, ignore_index=True)
 # of velocity.
 
 # %%
-panels = [(title, title, "removed") for title in cases]  # title, case, column
-third = panels[2][0]
-second = panels[3][0]
-alone = ("Eq. 4.20 at the second alone", third, "alone")
-forwards = ("forwards", second, "forwards")
-shown = {
-    "fig-4-5-outliers": (
-        "Three situations of an outlier, after Fig. 4.5",
-        [*panels[:3], alone],
-    ),
-    "fig-4-6-backwards": (
-        "Outlier in second position, after Fig. 4.6",
-        [forwards, *panels[3:5]],
-    ),
-    "fig-4-7-ends": ("Outlier in first and last position, after Fig. 4.7", panels[5:]),
+third = "situation 3: both"
+shown = {  # panels: title, case, column of what is removed
+    "fig-4-5-outliers": [
+        *((title, title, "removed") for title in list(cases)[:3]),
+        ("Eq. 4.20 at the second alone", third, "alone"),
+    ],
+    "fig-4-6-backwards": [
+        ("forwards", "four positions", "forwards"),
+        ("four positions", "four positions", "removed"),
+        ("six positions", "six positions", "removed"),
+    ],
+    "fig-4-7-ends": [
+        ("the first position", "the first position", "removed"),
+        ("the last position", "the last position", "removed"),
+    ],
+}
+captions = {
+    "fig-4-5-outliers": "Three situations of an outlier, after Fig. 4.5.",
+    "fig-4-6-backwards": "Outlier in second position, after Fig. 4.6.",
+    "fig-4-7-ends": "Outlier in first and last position, after Fig. 4.7.",
 }
 
-# %% tags=["hide-input"]
-number = judged.groupby("case").cumcount()
-row = judged.groupby("case")["row"]
-near = (
-    np.minimum(row.shift(1).fillna(np.inf), row.shift(-1).fillna(np.inf))
-    - judged["row"]
-)
-above = (near > 0) | ((number % 2 == 1) & (near > -15))  # free of arrows
-labels = []
-for k, point in zip(number, judged.to_dict("records"), strict=True):
-    text = f"T{k + 1}" + f", frame {point['frame']}" * (point["frame"] != k + 1)
-    if point["change_px_frame"] > 0:
-        text += f"\n{point['turn_deg']:.0f}°, {point['change_px_frame']:.0f} px/frame"
-    labels.append(text)
 
 # %% tags=["hide-input"]
-beside = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5}
-arrow = {"arrowstyle": "->", "lw": 0.8, "color": "0.35", "shrinkB": 4}
-for identifier, (caption, panels) in shown.items():
-    rows = 1 if len(panels) < 4 else 2
+def draw_case(axes, part, out):
+    plots.draw_places(axes, part[["row", "col"]], "k-", lw=0.6)
+    plots.draw_places(axes, part.loc[~out, ["row", "col"]], "og", label="inlier")
+    plots.draw_places(axes, part.loc[out, ["row", "col"]], "Xr", label="outlier")
+    row = part["row"]
+    near = np.fmin(row.shift(1), row.shift(-1)) - row
+    odd = np.arange(len(part)) % 2 == 1
+    above = (near > 0) | (odd & (near > -15))  # labels keep off the lines
+    for k, point, up in zip(range(1, 7), part.itertuples(), above, strict=False):
+        text = f"T{k}"
+        if point.frame != k:
+            text += f", frame {point.frame}"
+        if point.change_px_frame > 0:
+            text += f"\n{point.turn_deg:.0f}°, {point.change_px_frame:.0f} px/frame"
+        look = {"xytext": (0, -7), "va": "top"}
+        if up:
+            look = {"xytext": (0, 7), "va": "bottom"}
+        look |= {"textcoords": "offset points", "ha": "center", "fontsize": 5.5}
+        axes.annotate(text, (point.col, point.row), **look)
+    axes.margins(0.2, 0.3)
+    plots.label_pixels(axes)
+
+
+# %% tags=["hide-input"]
+for identifier, panels in shown.items():
+    rows = 1 + len(panels) // 4
     size = {"width_mm": style.PAGE_MM, "height_mm": 16 + 50 * rows}
     picture, grid = style.canvas(rows, len(panels) // rows, **size)
     for axes, (title, case, column) in zip(grid.flat, panels, strict=True):
         part = judged[judged["case"] == case]
-        place = part[["col", "row"]]
-        out = part[column]
-        for before, after in pairwise(place.to_numpy()):
-            axes.annotate("", after, before, arrowprops=arrow)
-        axes.plot(*place[~out].to_numpy().T, "o", color=GREEN, ms=6, label="inlier")
-        axes.plot(*place[out].to_numpy().T, "X", color=RED, ms=8, label="outlier")
-        for k, point in part[["col", "row"]].iterrows():
-            shift, va = ((0, 7), "bottom") if above[k] else ((0, -7), "top")
-            axes.annotate(labels[k], point, xytext=shift, va=va, **beside)
-        axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
-        axes.margins(0.2, 0.3)
-        axes.invert_yaxis()
-    picture.legend(
-        *grid[-1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=2
-    )
+        draw_case(axes, part, part[column])
+        axes.set_title(title)
+    entries = grid[-1, -1].get_legend_handles_labels()
+    picture.legend(*entries, loc="outside lower center", ncols=2)
     table = judged[judged["case"].isin([case for _, case, _ in panels])]
-    caption = f"{caption}. Hand-made tracklets with the limits of Table 5.16."
-    figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
+    caption = f"{captions[identifier]} Hand-made, with the limits of Table 5.16."
+    save(identifier, table, picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Joined tracklets
@@ -172,78 +174,62 @@ parts = []
 for name, frames in pairs.items():
     particle = np.repeat([0, 1], [len(each) for each in frames])
     time = np.concatenate(frames)
-    both = pd.DataFrame(
-        {"pair": name, "tracklet": np.where(particle, "Tk", "Ti"), "frame": time}
-    )
-    both = both.assign(
-        row=40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle, col=10.0 * time
-    )
-    both = both.assign(particle=particle, z=np.nan)
+    both = pd.DataFrame({"pair": name, "frame": time, "particle": particle})
+    both["tracklet"] = np.where(particle, "Tk", "Ti")
+    both["row"] = 40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle
+    both["col"] = 10.0 * time
+    both["z"] = np.nan
     paths = read_paths(both, name)
     first = np.array([0])
     second = np.array([1])
     overlap = joining.overlap_in_time(paths, first, second)
     _, frame, place = joining.connected_parts(paths, first, second, overlap)
     inside = pd.MultiIndex.from_arrays([frame, *place[:, :2].T])
-    both["connected"] = pd.MultiIndex.from_frame(both[["frame", "row", "col"]]).isin(
-        inside
-    )
+    points = pd.MultiIndex.from_frame(both[["frame", "row", "col"]])
+    both["connected"] = points.isin(inside)
     joined = tracklets.tracked(connection(both)).assign(tracklet="Tj", connected=False)
     parts += [both, joined.sort_values("frame")]
 table = pd.concat(parts, ignore_index=True)
 table["cardinality"] = table.groupby(["pair", "tracklet"]).cumcount() + 1
 table = table[["pair", "tracklet", "frame", "cardinality", "row", "col", "connected"]]
 
-# %% tags=["hide-input"]
-captions = {
-    "fig-4-9-joined": "Two tracklets connected over a gap and two merged, after Fig. 4.9.",
-    "fig-4-10-parts": "The same pairs with frame (time cardinality), after Fig. 4.10. Dashed: the "
-    "connected part, by which a pair is judged.",
-}
-looks = {"Ti, earlier tracklet": ("o", BLUE, 5), "Tk, later tracklet": ("s", RED, -5)}
 
 # %% tags=["hide-input"]
-for identifier, caption in captions.items():
-    picture, (panels,) = style.canvas(
-        1, 2, sharey=True, width_mm=style.PAGE_MM, height_mm=72
-    )
+def draw_joined(axes, both):
+    joined = both[both["tracklet"] == "Tj"]
+    plots.draw_places(axes, joined[["row", "col"]], "D-k", mfc="white", label="Tj")
+
+
+def draw_parts(axes, both):
+    for point in both[both["tracklet"] != "Tj"].itertuples():
+        text = f" {point.frame} ({point.cardinality})"
+        axes.annotate(text, (point.col, point.row), va="bottom", fontsize=5.5)
+    connected = both.loc[both["connected"], ["row", "col"]]
+    plots.draw_places(axes, connected, "ok", ms=11, mfc="none")
+
+
+joined_caption = (
+    "An earlier tracklet Ti and a later one Tk, connected over a gap and merged into "
+    "Tj, after Fig. 4.9."
+)
+parts_caption = (
+    "The same pairs with frame (time cardinality), after Fig. 4.10. Circled: the "
+    "connected part, by which a pair is judged."
+)
+for identifier, draw, caption in (
+    ("fig-4-9-joined", draw_joined, joined_caption),
+    ("fig-4-10-parts", draw_parts, parts_caption),
+):
+    picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM)
     for axes, (name, both) in zip(panels, table.groupby("pair"), strict=True):
-        for label, (mark, colour, side) in looks.items():
-            part = both[both["tracklet"] == label[:2]]
-            axes.plot(part["col"], part["row"], mark, color=colour, ms=5, label=label)
-            if "joined" in identifier:
-                continue
-            where = {
-                "xytext": (0, side),
-                "va": "bottom" if side > 0 else "top",
-                **beside,
-            }
-            for point in part.itertuples():
-                text = f"{point.frame}\n({point.cardinality})"
-                axes.annotate(text, (point.col, point.row), **where)
-            inside = part[part["connected"]]
-            (left, top), (right, low) = (
-                inside[["col", "row"]].agg(["min", "max"]).to_numpy()
-            )
-            box = (left - 5, top - 3), right - left + 10, low - top + 6
-            axes.add_patch(Rectangle(*box, fill=False, ls="--", lw=0.8))
-        if "joined" in identifier:
-            part = both[both["tracklet"] == "Tj"]
-            look = {
-                "marker": "D",
-                "color": "black",
-                "lw": 1,
-                "ls": "-",
-                "ms": 3,
-                "mfc": "white",
-            }
-            axes.plot(part["col"], part["row"], label="Tj, joined", **look)
-        axes.set(title=name, xlabel="column (px)", ylim=(94, 18))
-    panels[0].set_ylabel("row (px)")
-    picture.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3
-    )
-    figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
+        for tracklet, look in (("Ti", "ob"), ("Tk", "sr")):
+            places = both.loc[both["tracklet"] == tracklet, ["row", "col"]]
+            plots.draw_places(axes, places, look, label=tracklet)
+        draw(axes, both)
+        axes.set_title(name)
+        plots.label_pixels(axes)
+    panels[0].legend()
+    save(identifier, table, picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Which pairs are joined first
@@ -261,7 +247,7 @@ instance["hungarian"] = np.isin(np.arange(4), joining.hungarian(possible))
 caption = (
     "Which of four possible pairs are joined first, in a case like that of Fig. 4.14."
 )
-figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
+save("fig-4-14-instance", instance, caption=caption)
 
 # %%
 lost = judged.groupby("case")["removed"].sum()

@@ -176,13 +176,13 @@ for name, positions in inputs.items():
         for window, table in zip(windows, positions, strict=True)
     ]
     cells = tracking.cells(replaced, tracking.follow_all(replaced, both))
-    scored.append(tabulate(cells.values()).assign(input=name))
+    scored.append(tabulate(cells).assign(input=name))
 links = {
     (window.fraction, "links by the truth"): {STAGES[0]: tracks}
     for window, tracks in zip(windows, linked, strict=True)
 }
 cells = tracking.cells(windows, links)
-scored.append(tabulate(cells.values()).assign(input="detections"))
+scored.append(tabulate(cells).assign(input="detections"))
 table = pd.concat(scored, ignore_index=True)
 parts = ["input", "tracker", "postprocessing"]
 mean = table.groupby(parts, sort=False)[list(plots.SYMBOLS)].mean().reset_index()

@@ -48,9 +48,9 @@ origin = figures.trace("60_own_film", used, seed=seed, mark=mark)
 # upper 8 of 16 bits are kept.
 
 # %%
-ROWS = (110, 1070)
-COLUMNS = (640, 1640)
-NEAR_PX = 20.0  # the part; distance of a hit
+ROWS = (110, 1070)  # px, first and one past the last row of the part
+COLUMNS = (640, 1640)  # px, the same of its columns
+NEAR_PX = 20.0  # farthest distance of a hit
 source = recording
 if not recording:
     twin = scenes.open_scene("paper-shred-4.5-bar", seed=seed)
@@ -89,7 +89,7 @@ with redirect_stdout(io.StringIO()):  # the summary is shown below
     tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
 detections = tables["detections"]
 tracks = tables["tracks"]
-index = np.asarray(film.index if hasattr(film, "index") else film.per_frame["index"])
+index = np.array([film.frame(t).index for t in range(len(film))])
 drawn = dict(pictures(film, tables, index - index[0]))
 caption = "Settings and results of a run on a film, with the reason of each setting."
 figures.save("own-film-summary", tables["summary"], caption=caption, provenance=origin)
@@ -127,11 +127,9 @@ figures.save(
 lengths = linked["particle"].value_counts()
 steps = speeds(linked)
 facts = {"tracks": len(lengths), "median_length_frames": lengths.median()}
-facts |= {
-    f"speed_q{q}_px_frame": np.quantile(steps, q / 100)
-    for q in (25, 50, 75)
-    if len(steps)
-}
+if len(steps):
+    for q in (25, 50, 75):
+        facts[f"speed_q{q}_px_frame"] = np.quantile(steps, q / 100)
 caption = "Lengths of the tracks of a film, and speeds of their steps."
 figures.save(
     "own-film-lengths",
@@ -172,9 +170,7 @@ shown
 
 # %%
 def score(marked: pd.DataFrame) -> pd.DataFrame:
-    """Return one row of scores against marked positions, and note in ``marked`` what
-    was found.
-    """
+    """Return one row of scores; note in ``marked`` which positions were found."""
     hits = 0
     for t, true in marked.groupby("frame"):
         here = detections.loc[detections["frame"] == t, ["row", "col"]].to_numpy()

@@ -99,13 +99,14 @@ def test_foregrounds_are_stored_beside_the_detections(run):
     views = dict(chain.views(detection.source.recording(), range(203, 206), MEDIAN))
     frames = np.array([view.foreground[50:90, 20:200] for view in views.values()])
     roots = np.rint(np.sqrt(frames)).astype(np.uint8).astype(float)
-    sums = stored(203, 205, 50, 20, 90, 200)
-    np.testing.assert_array_equal(sums, (roots**2).sum(axis=0))
-    assert sums.any()
-    assert not stored(0, 100, 50, 20, 90, 200).any()
+    box = (slice(50, 90), slice(20, 200))
+    squares = stored[203:206, *box]
+    np.testing.assert_array_equal(squares, roots**2)
+    assert squares.any()
+    assert not stored[0:101, *box].any()
     stored.path.unlink()
     stored.make()
-    np.testing.assert_array_equal(stored(203, 205, 50, 20, 90, 200), sums)
+    np.testing.assert_array_equal(stored[203:206, *box], squares)
 
 
 def test_another_threshold_scene_or_background_is_another_file(run):

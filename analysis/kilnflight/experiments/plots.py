@@ -418,3 +418,15 @@ def label_space(
     axes.set_zlabel(labels[2], labelpad=pads[2])
     axes.tick_params(pad=ticks)
     axes.locator_params(nbins=4)
+
+
+def label_pixels(axes: Axes) -> None:
+    """Label axes in px of the camera, and let rows count downwards: call it once."""
+    axes.set(xlabel="column (px)", ylabel="row (px)")
+    axes.invert_yaxis()
+
+
+def draw_places(axes: Axes, places: npt.ArrayLike, look: str, **line: Any) -> None:
+    """Draw places (n, 2), row and col in px, with a format such as "ow" or "k-"."""
+    row, col = np.asarray(places).T
+    axes.plot(col, row, look, mec="black", mew=0.6, **line)

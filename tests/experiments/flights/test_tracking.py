@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from kilnflight import tracklets
+from kilnflight.experiments.flights import textures, trackers, tracking
 from kilnflight.experiments.flights import track_scores as scores
-from kilnflight.experiments.flights import trackers, tracking
 from kilnflight.tracking.tracker import track
 
 LANCE = scores.Lance(row=500.0, col=900.0, depth_mm=6500.0)
@@ -33,6 +33,19 @@ def path(particle, row=500.0, col=900.0, z=6500.0, frames=range(20)):
     return pd.DataFrame({**table, "x": 0.0, "y": 0.0, "z": z - 30.0 * age})
 
 
+def window_of(fraction, length, seen, truth):
+    """A window whose true positions are all noted."""
+    return tracking.Window(
+        fraction=fraction,
+        frames=range(length),
+        detections=seen,
+        truth=truth,
+        visible=truth,
+        differences=Flat(),
+        lance=LANCE,
+    )
+
+
 def test_each_part_is_replaced_by_the_truth():
     truth = pd.concat(
         [path(k, row=row, frames=range(30)) for k, row in ((7, 400.0), (8, 600.0))]
@@ -40,7 +53,7 @@ def test_each_part_is_replaced_by_the_truth():
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
     seen = pd.concat([seen, clutter]).sort_values("frame", ignore_index=True)
-    window = tracking.Window("confetti", range(30), seen, truth, truth, Flat(), LANCE)
+    window = window_of("confetti", 30, seen, truth)
     owner = tracking.true_particles(seen, truth)
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
@@ -50,7 +63,7 @@ def test_each_part_is_replaced_by_the_truth():
     def scored(detections):
         replaced = [window._replace(detections=detections)]
         found = tracking.cells(replaced, tracking.follow_all(replaced, {"GNN": track}))
-        return scores.tabulate(found.values()).set_index("postprocessing")
+        return scores.tabulate(found).set_index("postprocessing")
 
     assert scored(truth.drop(columns="particle")).loc[
         "without", "alpha"
@@ -58,7 +71,7 @@ def test_each_part_is_replaced_by_the_truth():
     links = tracking.cells(
         [window], {("confetti", "links"): {scores.STAGES[0]: linked}}
     )
-    links = scores.tabulate(links.values()).iloc[0]
+    links = scores.tabulate(links).iloc[0]
     assert links["jsc_theta"] == 1.0
     assert links["alpha"] == pytest.approx(54 / 60)
     right = scored(right_only).loc["without"]
@@ -128,16 +141,13 @@ def test_limits_of_tracks_are_identified_by_raw_jsc_theta(monkeypatch):
     seen = (
         truth[~hidden].drop(columns="particle").sort_values("frame", ignore_index=True)
     )
-    window = tracking.Window("confetti", range(20), seen, truth, truth, Flat(), LANCE)
+    window = window_of("confetti", 20, seen, truth)
     limits = [(0.0, 0), (0.6, 1), (0.5, 1)]
     keys = {"fraction": "confetti", "measure": "jsc_theta", "postprocessing": "without"}
     for printed, best, values in (
         (1.0, (0.5, 1), [1.0, 2 / 3, 2 / 5]),  # nothing is cut
-        (
-            0.6,
-            (0.6, 1),
-            [2 / 3, 2 / 5, 1.0],
-        ),  # only the first sighting of the second flight
+        # only the first sighting of the second flight
+        (0.6, (0.6, 1), [2 / 3, 2 / 5, 1.0]),
         (0.4, (0.0, 0), [2 / 5, 2 / 3, 1.0]),  # at each miss
     ):
         table = pd.DataFrame(
@@ -165,6 +175,33 @@ def test_trackers_are_as_their_table_says():
     assert trackers.chosen("JPDA").keywords["gate"].distance < tracker["gate"].distance
 
 
+def test_gaps_of_the_truth_become_straight_lines():
+    truth = path(4, frames=[5, 6, 9]).drop(columns="x").assign(x=[0.0, 3.0, 0.0])
+    filled = tracking.without_gaps(pd.concat([truth, path(2, frames=[7])]))
+    assert filled["particle"].tolist() == [2, 4, 4, 4, 4, 4]
+    assert filled["frame"].tolist() == [7, 5, 6, 7, 8, 9]
+    np.testing.assert_allclose(filled["x"], [0.0, 0.0, 3.0, 2.0, 1.0, 0.0])
+
+
+def test_joints_are_those_of_the_connection_in_their_order():
+    """Three pieces of one flight, the last two of which overlap in two frames."""
+    whole = path(0, frames=range(30))
+    pieces = {7: whole[:10], 3: whole[14:22], 5: whole[20:]}
+    tracks = pd.concat([each.assign(particle=k) for k, each in pieces.items()])
+    tracks = tracks.reset_index(drop=True)
+    connection = tracklets.Connection()
+    found = textures.joints(tracks, connection, None)
+    assert set(found["kind"]) == {"connection", "merging"}
+    assert set(found["earlier"]) | set(found["later"]) == {3, 5, 7}
+    gap = found[found["kind"] == "connection"].iloc[0]
+    assert (gap["earlier"], gap["later"]) == (7, 3)
+    assert (gap["start_col"], gap["end_col"]) == (900.0 + 9 * 20, 900.0 + 14 * 20)
+    assert (found["first_frame"].min(), found["last_frame"].max()) == (0, 29)
+    assert len(found) == 3 - connection(tracks)["particle"].max() - 1
+    nothing = textures.joints(tracks.assign(particle=-1), connection, None)
+    assert list(nothing) == list(found)
+
+
 def right(seen):
     """Label by time, which is right in the windows of `cells`."""
     return seen.assign(particle=seen["frame"] // 30)
@@ -181,17 +218,14 @@ def half(seen):
 def cells():
     truth = pd.concat([path(k, frames=range(30 * k, 30 * k + 20)) for k in range(12)])
     seen = truth.drop(columns="particle").reset_index(drop=True)
-    windows = [
-        tracking.Window(name, range(360), seen, truth, truth, Flat(), LANCE)
-        for name in scores.SINGULARS.values()
-    ]
+    windows = [window_of(name, 360, seen, truth) for name in scores.SINGULARS.values()]
     return tracking.cells(
         windows, tracking.follow_all(windows, {"GNN": right, "JPDA": half})
     )
 
 
 def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
-    table = scores.tabulate(cells.values())
+    table = scores.tabulate(cells)
     assert len(table) == 4 * 2 * 2
     for name in scores.MEASURES:
         assert table[name].between(table[f"{name}_low"], table[f"{name}_high"]).all()
@@ -202,7 +236,12 @@ def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
 
 
 def test_differences_are_paired_means_of_both_sides(cells):
-    row = scores.difference(cells, (scores.MEAN, "JPDA - GNN", "with"), "alpha, beta")
+    jpda = scores.Group(list(scores.SINGULARS.values()), ["JPDA"], "with")
+    gnn = jpda._replace(trackers=["GNN"])
+    contrast = scores.Contrast(jpda, gnn, ["alpha", "beta"])
+    row = scores.difference(cells, contrast)
+    labels = [row[name] for name in (*scores.KEYS, "measure")]
+    assert labels == ["mean of fractions", "JPDA - GNN", "with", "alpha, beta"]
     assert row["recomputed"] == pytest.approx(-0.5)
     assert row["low"] < -0.5 < row["high"] < 0
     printed = scores.published().query(
@@ -210,10 +249,10 @@ def test_differences_are_paired_means_of_both_sides(cells):
     )
     mean = printed.groupby("tracker")["published"].mean()
     assert row["published"] == pytest.approx(mean["JPDA"] - mean["GNN"])
-    same = scores.difference(cells, ("confetti", scores.BOTH, "with - without"), "jsc")
-    assert (same["recomputed"], same["low"], same["high"]) == (
-        0.0,
-        0.0,
-        0.0,
-    )  # nothing to mend
+    after = scores.Group(["confetti"], scores.TRACKERS, "with")
+    before = after._replace(stage="without")
+    same = scores.difference(cells, scores.Contrast(after, before, ["jsc"]))
+    assert (same["tracker"], same["postprocessing"]) == ("both", "with - without")
+    # nothing to mend
+    assert (same["recomputed"], same["low"], same["high"]) == (0.0, 0.0, 0.0)
     assert scores.differences(cells)["claim"].nunique() == 7

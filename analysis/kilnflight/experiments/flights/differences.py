@@ -14,7 +14,6 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import chain
-from kilnflight.arrays import Array
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.flights.sources import TwinSource
@@ -39,9 +38,7 @@ class StoredDifferences:
     @property
     def table(self) -> CachedTable:
         """Cached detections of the frames; making it writes the foregrounds as well."""
-        names = ("source", "frames", "detector", "background")
-        depends_on = {name: getattr(self, name) for name in names}
-        return CachedTable("window", self._detect, depends_on)
+        return CachedTable("window", self._detect, depends_on=vars(self))
 
     @property
     def path(self) -> Path:
@@ -60,39 +57,20 @@ class StoredDifferences:
         self.table()
 
     def _detect(self) -> pd.DataFrame:
-        """Return the detections of all frames, and write the roots of the foregrounds."""
+        """Return the detections of all frames, and write the foregrounds."""
         recording = self.source.recording()
         parts = [DETECTIONS.empty()]
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
                 for t, view in chain.views(recording, self.frames, self.background):
-                    file.write(
-                        np.sqrt(view.foreground).round().clip(0, 255).astype("u1").data
-                    )
+                    roots = np.sqrt(view.foreground).round().clip(0, 255)
+                    file.write(roots.astype(np.uint8).data)
                     parts.append(self.detector(view, recording.attributes.roi, frame=t))
 
         clear_parts(self.path)
         make_whole(self.path, write)
         return pd.concat(parts, ignore_index=True)
-
-    def __call__(
-        self,
-        first_frame: int,
-        last_frame: int,
-        top: int,
-        left: int,
-        bottom: int,
-        right: int,
-    ) -> Array:
-        """Return the sum of the foregrounds in a box over some frames (Eq. 4.24).
-
-        The sum is (bottom - top, right - left) in grey values; the last frame is
-        included, the last row and column are not. Frames that are not stored add
-        nothing.
-        """
-        box = self[first_frame : last_frame + 1, top:bottom, left:right]
-        return box.sum(axis=0, dtype=np.float64)
 
     def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
         """Return the foregrounds (frames, rows, cols) in a box.
@@ -100,11 +78,9 @@ class StoredDifferences:
         ``box`` slices frames, rows and columns. Frames need a start and a stop,
         numbered as in the recording; those that are not stored are left out.
         """
-        start, stop = (
-            max(t - self.frames.start, 0) for t in (box[0].start, box[0].stop)
-        )
-        shape = len(self.frames), *self.shape[1:]
-        roots = np.memmap(self.path, np.uint8, "r", shape=shape)[
-            start:stop, box[1], box[2]
-        ]
-        return np.square(roots, dtype=np.uint16)
+        frames, rows, cols = box
+        start = max(frames.start - self.frames.start, 0)
+        stop = max(frames.stop - self.frames.start, 0)
+        shape = (len(self.frames), *self.shape[1:])
+        stored = np.memmap(self.path, np.uint8, "r", shape=shape)
+        return np.square(stored[start:stop, rows, cols], dtype=np.uint16)

@@ -1,30 +1,76 @@
-"""Textures of streaks (notebook 31)."""
+"""Joints of tracklets and textures of streaks (notebook 31)."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
 from kilnflight.experiments.flights.tracking import Window
+from kilnflight.tracklets import Connection
+from kilnflight.tracklets.joining import Candidates
+from kilnflight.tracklets.paths import read_paths
 from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 
-BOX = (
-    60,
-    30,
-)  # px, rows and columns of a box for the textures; 30 = 2 w, w of Table 5.16
+ROWS = 60  # px, of a box for the textures
+COLUMNS = 30  # px, 2 w, w of Table 5.16
 SPAN = 11  # frames that such a box sums
-MASKS = {
+MASKS = {  # Eq. 4.25
     "L": LAWS_LEVEL,
     "E": LAWS_EDGE,
     "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0]),
-}  # Eq. 4.25
-MASKS |= {
     "W": np.array([-1.0, 2.0, 0.0, -2.0, 1.0]),
     "R": np.array([1.0, -4.0, 6.0, -4.0, 1.0]),
 }
+
+
+def joints(
+    tracks: pd.DataFrame, connection: Connection, differences: Any
+) -> pd.DataFrame:
+    """Return the pairs of tracklets that a connection joins, in order (Fig. 4.12).
+
+    A tracklet that was joined may be joined again in a later iteration.
+
+    Returns
+    -------
+    DataFrame
+        ``earlier`` and ``later``, particles that meet; ``kind``, "connection" or
+        "merging"; ``start_row``, ``start_col``, ``end_row`` and ``end_col`` in px, the
+        last position of the earlier and the first of the later; ``first_frame`` and
+        ``last_frame`` of both.
+    """
+    pairs: list[tuple[int, int]] = []
+
+    def matching(possible: Candidates) -> Index:
+        taken = connection.matching(possible)
+        pairs.extend(zip(possible.earlier[taken], possible.later[taken], strict=True))
+        return taken
+
+    replace(connection, matching=matching)(tracks, differences)
+    paths = read_paths(tracks, "joints: tracks")
+    first = paths.starts[:-1].copy()
+    last = paths.starts[1:] - 1
+    met = []
+    for i, k in pairs:
+        met.append((last[i], first[k], first[i], last[k]))
+        joined = min(i, k)
+        first[joined] = first[i]
+        last[joined] = last[k]
+    end, start, begin, finish = np.array(met, np.intp).reshape(-1, 4).T
+    particle = tracks["particle"].to_numpy()[paths.rows]
+    frame = paths.frame
+    found = pd.DataFrame({"earlier": particle[end], "later": particle[start]})
+    found["kind"] = np.where(frame[start] <= frame[end], "merging", "connection")
+    found[["start_row", "start_col"]] = paths.place[end, :2]
+    found[["end_row", "end_col"]] = paths.place[start, :2]
+    found["first_frame"] = frame[begin]
+    found["last_frame"] = frame[finish]
+    return found
 
 
 def texture_boxes(
@@ -51,54 +97,51 @@ def texture_boxes(
     without_track = []
     for _ in range(count):
         position = window.truth.iloc[int(generator.integers(len(window.truth)))]
-        frames = (
-            int(position["frame"]) - SPAN // 2,
-            int(position["frame"]) + SPAN // 2,
-        )
-        with_track.append(_summed(window, frames, (position["row"], position["col"])))
-        without_track.append(
-            _summed(window, frames, _empty_place(window, frames, generator))
-        )
+        first = int(position["frame"]) - SPAN // 2
+        frames = range(first, first + SPAN)
+        there = (position["row"], position["col"])
+        elsewhere = _empty_place(window, frames, generator)
+        with_track.append(_summed(window, frames, there))
+        without_track.append(_summed(window, frames, elsewhere))
     return with_track, without_track
 
 
-def energies(window: Array) -> dict[str, float]:
+def energies(box: Array) -> dict[str, float]:
     """Return the 15 texture energies "LL" to "RR" of a sum of frame differences.
 
-    ``window`` is (rows, cols) grey values. Fig. 4.13 compares energies with and without
-    a track.
+    ``box`` is (rows, cols) grey values. Fig. 4.13 compares energies with and without a
+    track.
     """
     pairs = combinations_with_replacement(MASKS, 2)
-    return {a + b: texture_energy(window, MASKS[a], MASKS[b]) for a, b in pairs}
+    return {a + b: texture_energy(box, MASKS[a], MASKS[b]) for a, b in pairs}
 
 
 def _empty_place(
-    window: Window, frames: tuple[int, int], generator: np.random.Generator
+    window: Window, frames: range, generator: np.random.Generator
 ) -> tuple[float, float]:
     """Return a random place (row, col) in px, over 180 px from all true positions.
 
-    Only positions in ``frames`` (first and last) count. The distance is three times the
+    Only positions in ``frames`` count. The distance is three times the longer side of a
     box.
     """
-    rows, cols = window.differences.shape[1:]
-    now = window.visible[window.visible["frame"].between(*frames)]
+    _, rows, cols = window.differences.shape
+    now = window.visible[window.visible["frame"].isin(frames)]
     for _ in range(1000):
-        row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
-        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * max(BOX):
+        row, col = generator.uniform((ROWS, COLUMNS), (rows - ROWS, cols - COLUMNS))
+        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * ROWS:
             return float(row), float(col)
-    raise InputError(f"{window.fraction}: no place without a track in frames {frames}.")
+    raise InputError(f"{window.fraction}: no place without a track in {frames}.")
 
 
-def _summed(
-    window: Window, frames: tuple[int, int], place: tuple[float, float]
-) -> Array:
-    """Return the sum of differences (60, 30) in grey values around a place.
+def _summed(window: Window, frames: range, place: tuple[float, float]) -> Array:
+    """Return the sum of differences (60, 30) in grey values around a place (row, col).
 
-    ``place`` is row, col in px, ``frames`` are first and last, both included. At the
-    border the box is moved into the image.
+    At the border the box is moved into the image.
     """
-    top, left = (
-        min(max(round(at) - size // 2, 0), edge - size)
-        for at, size, edge in zip(place, BOX, window.differences.shape[1:], strict=True)
-    )
-    return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
+    _, rows, cols = window.differences.shape
+    top = int(np.clip(round(place[0]) - ROWS // 2, 0, rows - ROWS))
+    left = int(np.clip(round(place[1]) - COLUMNS // 2, 0, cols - COLUMNS))
+    box = window.differences[
+        frames.start : frames.stop, top : top + ROWS, left : left + COLUMNS
+    ]
+    return box.sum(axis=0, dtype=np.float64)

@@ -9,9 +9,9 @@ restricts nothing else: a short false track is false.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +29,13 @@ MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 STAGES = ("without", "with")  # post-processing
 TRACKERS = ("GNN", "JPDA")
 KEYS = ["fraction", "tracker", "postprocessing"]
-MEAN = "mean of fractions"
-BOTH = "both"  # of `difference`
 # Fractions of Table 5.17, as they are called here.
-SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
-SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
+SINGULARS = {
+    "Wood chips": "wood chip",
+    "Confetti": "confetti",
+    "Paper shreds": "paper shred",
+    "PE granules": "PE granule",
+}
 
 # What counts as a start at the lance; no work prints it. Particles are faint at first,
 # so tracks start some frames after the exit (section 4.3). Depth: one slice of Eq. 5.8.
@@ -93,17 +95,16 @@ def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def true_from_lance(truth: pd.DataFrame, lance: Lance) -> pd.DataFrame:
-    """Return the rows of true trajectories that are scored: from the lance, and
-    lasting.
-    """
+    """Return the rows of true trajectories that start at the lance and last."""
     return lasting(from_lance(truth, lance))
 
 
 def score_from_lance(
     truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance
 ) -> TrackScore | None:
-    """Return the score of tracks from the lance; None without a true trajectory from
-    there.
+    """Return the score of tracks from the lance.
+
+    It is None if no true trajectory starts there and lasts.
     """
     true = true_from_lance(truth, lance)
     if true.empty:
@@ -114,43 +115,38 @@ def score_from_lance(
 def measures_of(score: TrackScore | None) -> dict[str, float]:
     """Return the four measures and counts of tracks; NaN if ``score`` is None."""
     names = (*MEASURES, "tp_tracks", "fn_tracks", "fp_tracks")
-    return {
-        name: np.nan if score is None else float(getattr(score, name)) for name in names
-    }
+    if score is None:
+        return dict.fromkeys(names, np.nan)
+    return {name: float(getattr(score, name)) for name in names}
 
 
 class Scored(NamedTuple):
-    """A cell of Table 5.17 with bootstrap draws of its measures.
+    """A cell of Table 5.17: the tracks of a window, a tracker and a stage.
 
     Attributes
     ----------
-    key
-        Fraction, tracker, "with" or "without" post-processing.
-    score
-        None without a true trajectory from the lance.
+    measures
+        From `measures_of`, by name.
     draws
-        (DRAWS, 4) draws of `MEASURES`. Draw k takes the same true trajectories in all
-        cells of a window, so differences of cells are paired.
+        (DRAWS, 4) bootstrap draws of `MEASURES`, NaN with fewer than `LEAST` true
+        trajectories. Draw k takes the same true trajectories in all cells of a window,
+        so differences of cells are paired.
     """
 
-    key: Key
-    score: TrackScore | None
+    measures: dict[str, float]
     draws: npt.NDArray[np.float64]
 
 
+Cells = Mapping[Key, Scored]
+
+
 def score_cell(
-    key: Key,
-    truth: pd.DataFrame,
-    tracks: pd.DataFrame,
-    lance: Lance,
-    seed: Sequence[int],
+    truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance, seed: Sequence[int]
 ) -> Scored:
     """Return the scored cell of a window's tracks from the lance.
 
     Parameters
     ----------
-    key
-        Fraction, tracker, "with" or "without".
     truth, tracks
         True and measured tracks of the window, also those not from the lance.
     lance
@@ -160,12 +156,13 @@ def score_cell(
         window: it draws the true trajectories. The whole draws the false tracks.
     """
     score = score_from_lance(truth, tracks, lance)
-    if score is None:
-        return Scored(key, None, np.full((DRAWS, len(MEASURES)), np.nan))
-    return Scored(key, score, track_draws(score, seed[:1], seed))
+    draws = np.full((DRAWS, len(MEASURES)), np.nan)
+    if score is not None and len(score.true_tracks) >= LEAST:
+        draws = track_draws(score, seed=seed[:1], false_seed=seed)
+    return Scored(measures_of(score), draws)
 
 
-def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
+def tabulate(cells: Cells) -> pd.DataFrame:
     """Return the measures as Table 5.17, one row per cell, with 95 % intervals.
 
     Returns
@@ -176,11 +173,10 @@ def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
         trajectories.
     """
     rows = []
-    for cell in cells:
-        row = dict(zip(KEYS, cell.key, strict=True)) | measures_of(cell.score)
-        for k, name in enumerate(MEASURES):
-            low, high = _ends(cell.draws[:, k], [cell], 0.0)
-            row |= {f"{name}_low": low, f"{name}_high": high}
+    for key, cell in cells.items():
+        row = dict(zip(KEYS, key, strict=True)) | cell.measures
+        for name, draws in zip(MEASURES, cell.draws.T, strict=True):
+            row[f"{name}_low"], row[f"{name}_high"] = _interval(draws, least=0.0)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -188,17 +184,15 @@ def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
 def published() -> pd.DataFrame:
     """Return Table 5.17, one row per value: `KEYS`, ``measure``, ``published``."""
     table = claims.published("table_5.17")
-    names = {
-        "algorithm": "tracker",
-        "post_processing": "postprocessing",
-        "value": "published",
-    }
-    table = table.assign(fraction=table["fraction"].map(SINGULARS)).rename(
-        columns=names
+    return pd.DataFrame(
+        {
+            "fraction": table["fraction"].map(SINGULARS),
+            "tracker": table["algorithm"],
+            "postprocessing": table["post_processing"],
+            "measure": table["measure"].str.lower(),
+            "published": table["value"],
+        }
     )
-    return table.assign(measure=table["measure"].str.lower())[
-        [*KEYS, "measure", "published"]
-    ]
 
 
 def beside_published(measured: pd.DataFrame) -> pd.DataFrame:
@@ -207,71 +201,121 @@ def beside_published(measured: pd.DataFrame) -> pd.DataFrame:
     The columns are `KEYS`, ``measure``, ``recomputed``, ``low``, ``high`` and
     ``published``. Values that are not printed are left out.
     """
-    ends = {"recomputed": "", "low": "_low", "high": "_high"}
-    parts = [
-        measured[KEYS].assign(
-            measure=name, **{to: measured[name + end] for to, end in ends.items()}
-        )
-        for name in MEASURES
-    ]
+    parts = []
+    for name in MEASURES:
+        part = measured[KEYS].assign(measure=name, recomputed=measured[name])
+        part["low"] = measured[f"{name}_low"]
+        part["high"] = measured[f"{name}_high"]
+        parts.append(part)
     return pd.concat(parts).merge(published())
 
 
-def difference(
-    cells: Mapping[Key, Scored], key: Key, measures: str
-) -> dict[str, object]:
-    """Return a paired difference with its 95 % interval, and the printed one.
+class Group(NamedTuple):
+    """Cells of one stage: all pairs of a fraction and a tracker."""
+
+    fractions: Sequence[str]
+    trackers: Sequence[str] = TRACKERS
+    stage: str = "with"  # one of `STAGES`
+
+    def keys(self) -> list[Key]:
+        """Return the keys of the cells."""
+        return list(product(self.fractions, self.trackers, [self.stage]))
+
+    def names(self) -> Key:
+        """Return what stands for the group in each column of `KEYS`."""
+        fraction = self.fractions[0]
+        tracker = self.trackers[0]
+        if len(self.fractions) > 1:
+            fraction = "mean of fractions"
+        if len(self.trackers) > 1:
+            tracker = "both"
+        return fraction, tracker, self.stage
+
+
+class Contrast(NamedTuple):
+    """Two groups of as many cells, whose ``measures`` are compared pair by pair."""
+
+    first: Group
+    second: Group
+    measures: Sequence[str]
+
+    def names(self) -> Key:
+        """Return the entry of each column of `KEYS`, "A - B" where groups differ."""
+        found = []
+        for one, other in zip(self.first.names(), self.second.names(), strict=True):
+            found.append(one if one == other else f"{one} - {other}")
+        return tuple(found)
+
+
+def difference(cells: Cells, contrast: Contrast) -> dict[str, object]:
+    """Return the first minus the second group with its 95 % interval, and as printed.
 
     Parameters
     ----------
     cells
         Scored cells by key.
-    key
-        Fraction, tracker, stage. One entry may be "A - B", the difference of the two.
-        `MEAN` averages over the fractions, `BOTH` over the trackers.
-    measures
-        Names joined by ", "; their mean is compared.
+    contrast
+        Groups to compare. Differences are averaged over pairs of cells and measures.
 
     Returns
     -------
     dict
         `KEYS`, ``measure``, ``recomputed``, ``low`` and ``high`` (NaN with fewer than
-        `LEAST` true trajectories in a cell), ``published``.
+        `LEAST` true trajectories in a cell), ``published`` (NaN if not printed).
     """
-    every = {MEAN: dict.fromkeys(each[0] for each in cells), BOTH: TRACKERS}
-    names = product(*(every.get(entry, [entry]) for entry in key))
-    sides = [
-        [tuple(part.split(" - ")[k] for part in name) for k in (0, -1)]
-        for name in names
+    first = contrast.first.keys()
+    second = contrast.second.keys()
+    measures = list(contrast.measures)
+
+    def mean(table: pd.DataFrame) -> float:
+        values = table[measures]
+        apart = values.reindex(first).to_numpy() - values.reindex(second).to_numpy()
+        return float(apart.ravel().mean())
+
+    ours = pd.DataFrame({key: cell.measures for key, cell in cells.items()}).T
+    printed = published().pivot(index=KEYS, columns="measure", values="published")
+    columns = [MEASURES.index(name) for name in measures]
+    draws = [
+        (cells[one].draws - cells[other].draws)[:, columns].mean(axis=1)
+        for one, other in zip(first, second, strict=True)
     ]
-    chosen = measures.split(", ")
-    nothing = dict.fromkeys(MEASURES, np.nan)
-
-    def mean(table: Mapping[Any, Any]) -> float:
-        of = [[table.get(side, nothing) for side in pair] for pair in sides]
-        return float(
-            np.mean([one[name] - two[name] for one, two in of for name in chosen])
-        )
-
-    estimate = mean({name: measures_of(cell.score) for name, cell in cells.items()})
-    printed = mean(
-        published().pivot(index=KEYS, columns="measure", values="published").T.to_dict()
-    )
-    pairs = [(cells[first], cells[second]) for first, second in sides]
-    columns = [MEASURES.index(name) for name in chosen]
-    draws = np.mean(
-        [(a.draws - b.draws)[:, columns].mean(axis=1) for a, b in pairs], axis=0
-    )
-    low, high = _ends(draws, [cell for pair in pairs for cell in pair], -1.0)
-    row = {
-        **dict(zip(KEYS, key, strict=True)),
-        "measure": measures,
-        "recomputed": estimate,
+    low, high = _interval(np.mean(draws, axis=0), least=-1.0)
+    return {
+        **dict(zip(KEYS, contrast.names(), strict=True)),
+        "measure": ", ".join(measures),
+        "recomputed": mean(ours),
+        "low": low,
+        "high": high,
+        "published": mean(printed),
     }
-    return row | {"low": low, "high": high, "published": printed}
 
 
-def differences(cells: Mapping[Key, Scored]) -> pd.DataFrame:
+def contrasts(fractions: Sequence[str]) -> Iterator[tuple[str, Contrast]]:
+    """Yield id and contrast of each difference that section 5.2.3 claims."""
+    both = ("alpha", "beta")
+    others = [name for name in fractions if name != "wood chip"]
+    for fraction, tracker, measure in product(fractions, TRACKERS, MEASURES):
+        after = Group([fraction], [tracker])
+        yield "track-1", Contrast(after, after._replace(stage="without"), [measure])
+    for other, tracker, measure in product(others, TRACKERS, both):
+        chips = Group(["wood chip"], [tracker], "without")
+        yield "track-2", Contrast(chips, chips._replace(fractions=[other]), [measure])
+    for fraction, measure in product(fractions, both):
+        jpda = Group([fraction], ["JPDA"])
+        yield "track-3", Contrast(jpda, Group([fraction], ["GNN"]), [measure])
+    jpda = Group(fractions, ["JPDA"])
+    gnn = Group(fractions, ["GNN"])
+    yield "track-4", Contrast(jpda, gnn, ("alpha", "beta", "jsc"))
+    ranks = [("wood chip", other) for other in others]
+    if "confetti" in fractions:
+        ranks += [("paper shred", "confetti"), ("PE granule", "confetti")]
+    for higher, lower in ranks:
+        yield "track-5", Contrast(Group([higher]), Group([lower]), ["alpha"])
+    after = Group(fractions)
+    yield "track-9", Contrast(after, after._replace(stage="without"), both)
+
+
+def differences(cells: Cells) -> pd.DataFrame:
     """Return the differences that section 5.2.3 claims, by ``claim``.
 
     ``cells`` must hold the paper shreds of both trackers "with" post-processing. The
@@ -284,44 +328,33 @@ def differences(cells: Mapping[Key, Scored]) -> pd.DataFrame:
         ``claim`` (id) and the entries of `difference`, one row each.
     """
     fractions = list(dict.fromkeys(key[0] for key in cells))
-    chips = [f"wood chip - {name}" for name in fractions if name != "wood chip"]
-    confetti = [f"{name} - confetti" for name in ("paper shred", "PE granule")]
-    ranks = chips + confetti * ("confetti" in fractions)
-    two = ("alpha", "beta")
-    trackers = ["JPDA - GNN"]
-    kinds: list[tuple[str, Sequence[str], Sequence[str], str, Sequence[str]]] = [
-        ("track-1", fractions, TRACKERS, "with - without", MEASURES),
-        ("track-2", chips, TRACKERS, "without", two),
-        ("track-3", fractions, trackers, "with", two),
-        ("track-4", [MEAN], trackers, "with", ["alpha, beta, jsc"]),
-        ("track-5", ranks, [BOTH], "with", ["alpha"]),
-        ("track-9", [MEAN], [BOTH], "with - without", ["alpha, beta"]),
-    ]
     rows = [
-        {"claim": claim, **difference(cells, (fraction, tracker, stage), measures)}
-        for claim, some, by, stage, each in kinds
-        for fraction, tracker, measures in product(some, by, each)
+        {"claim": claim, **difference(cells, contrast)}
+        for claim, contrast in contrasts(fractions)
     ]
     gnn, jpda = (
-        measures_of(cells["paper shred", t, "with"].score)["fp_tracks"]
-        for t in TRACKERS
+        cells["paper shred", name, "with"].measures["fp_tracks"] for name in TRACKERS
     )
-    key = ("track-10", "paper shred", *trackers, "with")
     half = 1.96 * np.sqrt(gnn + jpda)
-    row = dict(zip(["claim", *KEYS], key, strict=True)) | {"measure": "false tracks"}
-    ends = {"low": jpda - gnn - half, "high": jpda - gnn + half}
-    return pd.DataFrame([*rows, row | {"recomputed": jpda - gnn, **ends}])
+    false_tracks = {
+        "claim": "track-10",
+        "fraction": "paper shred",
+        "tracker": "JPDA - GNN",
+        "postprocessing": "with",
+        "measure": "false tracks",
+        "recomputed": jpda - gnn,
+        "low": jpda - gnn - half,
+        "high": jpda - gnn + half,
+    }
+    return pd.DataFrame([*rows, false_tracks])
 
 
-def _ends(
-    draws: npt.NDArray[np.float64], cells: Sequence[Scored], least: float
-) -> tuple[float, float]:
+def _interval(draws: npt.NDArray[np.float64], least: float) -> tuple[float, float]:
     """Return the ends of the 95 % interval of draws (DRAWS,), within ``least`` and 1.
 
-    They are NaN if any of the cells has fewer than `LEAST` true trajectories. ``least``
-    is 0 for measures and -1 for differences.
+    They are NaN if the draws are. ``least`` is 0 for measures and -1 for differences.
     """
-    if min(0 if c.score is None else len(c.score.true_tracks) for c in cells) < LEAST:
+    if np.isnan(draws).any():
         return np.nan, np.nan
     low, high = np.clip(percentiles(draws), least, 1.0)
     return float(low), float(high)

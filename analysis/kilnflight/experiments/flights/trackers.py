@@ -27,10 +27,8 @@ from kilnflight.tracking.tracker import Management, track
 # Visibility and missed frames that are tried. After one miss in the second frame the
 # visibility is 1/2, after two misses 1/3. Gaps of up to 15 frames are closed afterwards
 # (Table 5.16).
-LIMITS = [
-    (0.0, 0),
-    *product((0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), (1, 2, 3, 5, 8, 15)),
-]
+VISIBILITIES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+LIMITS = [(0.0, 0), *product(VISIBILITIES, (1, 2, 3, 5, 8, 15))]
 
 
 def limits() -> pd.DataFrame:
@@ -51,8 +49,9 @@ def settings() -> pd.DataFrame:
 
 
 def chosen(name: str, **changes: float) -> Tracker:
-    """Return a tracker, "GNN" or "JPDA", in its settings from trackers.csv, or with
-    ``changes``.
+    """Return the tracker "GNN" or "JPDA" in its settings from trackers.csv.
+
+    ``changes`` replace some of the settings.
     """
     value = {**settings()[name], **changes}
     associator: Associator
@@ -94,10 +93,7 @@ def identify(
         ``visibility``, ``missed_frames``, ``misfit``, and JSC_theta of each window and
         tracker, in columns such as "wood chip, GNN".
     """
-    printed = scores.published().query(
-        "postprocessing == 'without' and measure == 'jsc_theta'"
-    )
-    wanted = printed.set_index(["fraction", "tracker"])["published"]
+    printed = scores.published().set_index([*scores.KEYS, "measure"])["published"]
     parts = list(windows)
     rows = []
     for visibility, missed in tqdm(list(limits), "limits of tracks", disable=None):
@@ -107,8 +103,9 @@ def identify(
             tracks = tracker(window.detections)
             score = scores.score_from_lance(window.truth, tracks, window.lance)
             value = scores.measures_of(score)["jsc_theta"]
+            wanted = printed[window.fraction, name, "without", "jsc_theta"]
             row[f"{window.fraction}, {name}"] = value
-            row["misfit"] += (value - wanted[window.fraction, name]) ** 2
+            row["misfit"] += (value - wanted) ** 2
         rows.append(row)
     return pd.DataFrame(rows).sort_values("misfit", kind="stable", ignore_index=True)
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.checks import InputError
+from kilnflight.arrays import Index
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
 from kilnflight.experiments.flights.campaigns import LearnedSettings
@@ -30,6 +30,7 @@ from kilnflight.experiments.flights.track_scores import (
     Lance,
     Scored,
     score_cell,
+    true_from_lance,
 )
 from kilnflight.scores.detections import pair
 from kilnflight.simulated.kiln.scene import Twin
@@ -43,47 +44,55 @@ from kilnflight.simulated.kiln.truth import at_notes, followed, kept_marks, note
 from kilnflight.store.parallel import Workers
 from kilnflight.tracklets.paths import PathStep
 
-LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
-FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
+# Frames of each scale; 0: as many as in Table 5.15
+LENGTHS = {"quick": 12, "standard": 32, "full": 0}
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
-Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
 Stages = Mapping[str, pd.DataFrame]  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
-Tracker = Callable[
-    [pd.DataFrame], pd.DataFrame
-]  # detections -> the same with particle, -1: none
+# Function of detections that returns them with ``particle``, -1: none
+Tracker = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 class Window(NamedTuple):
-    """Consecutive frames of a campaign on which tracking is scored (Table 5.15)."""
+    """Consecutive frames of a campaign on which tracking is scored (Table 5.15).
+
+    Attributes
+    ----------
+    fraction
+        Its name, such as "wood chip".
+    frames
+        Numbers of the frames.
+    detections
+        `kilnflight.tables.DETECTIONS` that are in the air or have no depth.
+    truth
+        True positions in the air that a person notes, see
+        `kilnflight.simulated.kiln.truth.noted`.
+    visible
+        All visible true positions in the air, noted or not.
+    differences
+        Foregrounds for the texture of tracklets (Eq. 4.24).
+    lance
+        Its outlet.
+    """
 
     fraction: str
     frames: range
-    detections: (
-        pd.DataFrame
-    )  # `kilnflight.tables.DETECTIONS` in the air, or without depth
-    truth: (
-        pd.DataFrame
-    )  # noted positions in the air (`kilnflight.simulated.kiln.truth.noted`)
-    visible: pd.DataFrame  # the same with all visible positions, noted or not
-    differences: (
-        StoredDifferences  # foregrounds for the texture of tracklets (Eq. 4.24)
-    )
-    lance: Lance  # its outlet
+    detections: pd.DataFrame
+    truth: pd.DataFrame
+    visible: pd.DataFrame
+    differences: StoredDifferences
+    lance: Lance
 
 
-def flying_particles(
-    twin: Twin, starts: Iterable[int], length: int
-) -> npt.NDArray[np.intp]:
+def flying_particles(twin: Twin, starts: npt.ArrayLike, length: int) -> Index:
     """Return how many particles fly in ``length`` frames from each start."""
-    first = np.asarray(list(starts), dtype=np.intp)[:, None]
+    first = np.asarray(starts)[:, None]
     table = twin.life.table
     rate = twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
-    return np.asarray(
-        ((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp
-    )
+    flying = (released < first + length) & (ended > first)
+    return flying.sum(axis=1)
 
 
 def scored_frames(twin: Twin, scale: str, by_starts: bool = False) -> range:
@@ -126,89 +135,73 @@ def windows(
         One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     """
     detector = Combination(sift(settings.threshold))
-    background = BACKGROUNDS[scale]
-    stored = {}
+    stored = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        source = TwinSource(scene_name(campaign_name(fraction, 4.5), scenario), seed)
-        frames = scored_frames(source.recording(), scale, by_starts)
-        stored[fraction] = StoredDifferences(source, frames, detector, background)
-    lengths = [len(each.frames) for each in stored.values()]
-    Workers(jobs)(
-        StoredDifferences.make, list(stored.values()), lengths, "detection in windows"
-    )
-    parts = []
-    for fraction, each in stored.items():
-        twin = each.source.recording()
-        frames = each.frames
-        marks = kept_marks(twin, frames, noted)()
-        parts.append(
-            Window(
-                fraction,
-                frames,
-                detections=settings.in_air(each.table()),
-                truth=followed(at_notes(marks)),
-                visible=followed(marks),
-                differences=each,
-                lance=lance_of(twin),
-            )
+        name = scene_name(campaign_name(fraction, 4.5), scenario)
+        source = TwinSource(name, seed)
+        part = StoredDifferences(
+            source=source,
+            frames=scored_frames(source.recording(), scale, by_starts),
+            detector=detector,
+            background=BACKGROUNDS[scale],
         )
-    return parts
+        stored.append(part)
+    lengths = [len(part.frames) for part in stored]
+    Workers(jobs)(StoredDifferences.make, stored, lengths, "detection in windows")
+    return [_window(part, settings) for part in stored]
 
 
-def lance_of(twin: Twin) -> Lance:
-    """Return the lance's outlet: row and col in px, depth in mm."""
-    attributes = twin.attributes
-    if attributes.exit_point_mm is None:
-        raise InputError(f"{attributes.name}: the lance's outlet is not known.")
+def _window(stored: StoredDifferences, settings: LearnedSettings) -> Window:
+    """Return the window whose detections and foregrounds are stored."""
+    twin = stored.source.recording()
+    marks = kept_marks(twin, stored.frames, noted)()
     row, col = twin.scene.geometry.lance_pixel
-    return Lance(float(row), float(col), float(attributes.exit_point_mm[2]))
-
-
-def track_window(window: Window, tracker: Tracker) -> Stages:
-    """Return a window's tracks "without" and "with" post-processing (`STAGES`)."""
-    return processed(window, tracker(window.detections))
+    outlet = twin.attributes.exit_point_mm
+    assert outlet is not None  # every campaign of the twin has a lance
+    return Window(
+        fraction=twin.scene.fraction,
+        frames=stored.frames,
+        detections=settings.in_air(stored.table()),
+        truth=followed(at_notes(marks)),
+        visible=followed(marks),
+        differences=stored,
+        lance=Lance(row, col, outlet[2]),
+    )
 
 
 def processed(
     window: Window, tracks: pd.DataFrame, steps: Iterable[PathStep] = tracklets.STEPS
 ) -> Stages:
-    """Return raw ``tracks`` of a window "without" and "with" post-processing by
-    ``steps``.
-    """
+    """Return a window's tracks "without" and "with" post-processing by ``steps``."""
     done = tracklets.postprocess(tracks, window.differences, steps)
-    return dict(zip(STAGES, (tracks, done), strict=True))
+    return {"without": tracks, "with": done}
 
 
 def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tracked:
     """Return the tracks of all windows and trackers, by fraction and tracker."""
-    each = product(windows, trackers.items())
     return {
-        (window.fraction, name): track_window(window, tracker)
-        for window, (name, tracker) in each
+        (window.fraction, name): processed(window, tracker(window.detections))
+        for window, (name, tracker) in product(windows, trackers.items())
     }
 
 
 def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     """Return the cells of Table 5.17 by fraction, tracker and stage.
 
-    The seed of a cell starts with its fraction's number. So all cells of a window draw
-    the same true trajectories, and their differences are paired.
+    ``tracked`` has every tracker in every window. The seed of a cell starts with its
+    fraction's number. So all cells of a window draw the same true trajectories, and
+    their differences are paired.
     """
-    numbers = {
-        name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)
-    }
-    found = [
-        score_cell(
-            (window.fraction, name, stage),
-            window.truth,
-            tracks,
-            window.lance,
-            (FRACTION_NUMBERS[window.fraction], number, 1 + STAGES.index(stage)),
-        )
-        for window, (name, number) in product(windows, numbers.items())
-        for stage, tracks in tracked.get((window.fraction, name), {}).items()
-    ]
-    return {cell.key: cell for cell in found}
+    numbers = {name: k for k, name in enumerate(WINDOWS, 1)}
+    trackers = list(dict.fromkeys(name for _, name in tracked))
+    found = dict[Key, Scored]()
+    for window, (number, name) in product(windows, enumerate(trackers, 1)):
+        fraction = window.fraction
+        for stage, tracks in tracked[fraction, name].items():
+            seed = (numbers[fraction], number, 1 + STAGES.index(stage))
+            cell = score_cell(window.truth, tracks, window.lance, seed)
+            found[fraction, name, stage] = cell
+    return found
 
 
 def true_particles(
@@ -221,28 +214,74 @@ def true_particles(
     has ``particle``.
     """
     owner = np.full(len(detections), -1, dtype=np.int64)
-    rows, known = (table.groupby("frame").indices for table in (detections, true))
-    spots, places = (
-        table[["row", "col"]].to_numpy(np.float64) for table in (detections, true)
-    )
+    spots = detections[["row", "col"]].to_numpy(np.float64)
+    places = true[["row", "col"]].to_numpy(np.float64)
     particle = true["particle"].to_numpy()
-    for frame, there in known.items():
+    rows = detections.groupby("frame").indices
+    for frame, there in true.groupby("frame").indices.items():
         here = rows.get(frame, np.empty(0, np.intp))
         pairs = pair(places[there], spots[here], GATE_PX)
         owner[here[pairs[:, 1]]] = particle[there[pairs[:, 0]]]
     return owner
 
 
-def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
+def count_window(window: Window) -> dict[str, object]:
+    """Return the row of Table 5.15 of a window: its frames and what is in them."""
+    scored = true_from_lance(window.truth, window.lance)
+    owner = true_particles(window.detections, window.visible)
+    return {
+        "fraction": window.fraction,
+        "first_frame": window.frames.start,
+        "frames": len(window.frames),
+        "trajectories": window.truth["particle"].nunique(),
+        "trajectories_from_lance": scored["particle"].nunique(),
+        "positions_visible": len(window.visible),
+        "positions": len(window.truth),
+        "detections": len(window.detections),
+        "of_no_particle": np.count_nonzero(owner < 0),
+    }
+
+
+def without_gaps(truth: pd.DataFrame) -> pd.DataFrame:
+    """Return true tracks with a position in every frame between their ends.
+
+    Gaps are straight lines. The columns are ``particle``, ``frame``, ``row``, ``col``
+    (px), ``x``, ``y`` and ``z`` (mm).
+    """
+
+    def filled(track: pd.DataFrame) -> pd.DataFrame:
+        frames = range(track.index[0], track.index[-1] + 1)
+        return track.reindex(frames).interpolate()
+
+    places = truth.set_index("frame").groupby("particle")[["row", "col", "x", "y", "z"]]
+    return places.apply(filled).rename_axis(["particle", "frame"]).reset_index()
+
+
+def flying_paths(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
+    """Return where the particles in the air are in some frames, visible or not.
+
+    The columns are ``particle``, ``frame``, ``row`` and ``col`` (px, in the picture).
+    """
+    place = twin.scene.geometry
+    parts = []
+    for t in frames:
+        moment = twin.life.at(twin.time_s(t))
+        row, col = place.project(place.to_camera(moment.position_m))
+        inside = (row >= 0) & (row < place.rows) & (col >= 0) & (col < place.columns)
+        part = {"particle": moment.particle, "frame": t, "row": row, "col": col}
+        parts.append(pd.DataFrame(part)[~moment.landed & inside])
+    return pd.concat(parts)
+
+
+def joined_tables(
+    tables: Mapping[tuple[str, str], pd.DataFrame], column: str
+) -> pd.DataFrame:
     """Return all tracks in one table, for the data behind a figure.
 
-    The columns are ``fraction``, ``column`` (the name in ``tables``), ``particle``,
-    ``frame``, ``row`` and ``col``. Detections of no track are left out.
+    ``tables`` has the tracks by fraction and another name, for ``column``. The columns
+    are ``fraction``, ``column``, ``particle``, ``frame``, ``row`` and ``col``.
+    Detections of no track are left out.
     """
-    parts = [
-        table.assign(fraction=fraction, **{column: name})
-        for fraction, group in tables.items()
-        for name, table in group.items()
-    ]
-    table = tracklets.tracked(pd.concat(parts, ignore_index=True))
-    return table[["fraction", column, "particle", "frame", "row", "col"]]
+    table = pd.concat(tables, names=["fraction", column]).reset_index([0, 1])
+    places = ["particle", "frame", "row", "col"]
+    return tracklets.tracked(table)[["fraction", column, *places]]
