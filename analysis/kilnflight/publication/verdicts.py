@@ -26,12 +26,9 @@ def collect() -> pd.DataFrame:
         If two notebooks judge the same claim.
     """
     known = claims.load()
-    concluded = index.load()["notebooks"].items()
-    rows = [
-        {**row, "notebook": stem}
-        for stem, each in concluded
-        for row in each["verdicts"]
-    ]
+    rows = []
+    for stem, concluded in index.load()["notebooks"].items():
+        rows += [each | {"notebook": stem} for each in concluded["verdicts"]]
     rows = choices.opened(rows, choices.compared())
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
     judged = pd.DataFrame(rows, columns=names).set_index("id")
