@@ -126,14 +126,6 @@ def opened(
     return rows
 
 
-def compared() -> list[dict[str, Any]]:
-    """Return the comparisons that all notebooks saved, each with its notebook."""
-    rows = []
-    for stem, concluded in index.load()["notebooks"].items():
-        rows += [each | {"notebook": stem} for each in concluded["choices"]]
-    return rows
-
-
 def collect() -> pd.DataFrame:
     """Return every choice with its results, in the order of choices.csv.
 
@@ -146,7 +138,7 @@ def collect() -> pd.DataFrame:
         compared.
     """
     names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
-    by_choice = pd.DataFrame(compared(), columns=names).groupby("id")
+    by_choice = pd.DataFrame(index.rows("choices"), columns=names).groupby("id")
     results = by_choice.agg(
         quantity=("quantity", "; ".join),
         result_chosen=("chosen", "; ".join),

@@ -212,10 +212,6 @@ def conclude(
     """
     compared = [asdict(each) for each in choices]
     rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
-    if len({row["id"] for row in rows}) < len(rows):
-        raise InputError(
-            f"{provenance.notebook}: a claim is judged twice; judge it once."
-        )
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)

@@ -213,27 +213,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = _given_parameters(options.source, options.parameter)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
-        _print_line(f"{stem}: running ({shown})")
+        # One piece, so that lines of parallel notebooks stay whole.
+        print(f"{stem}: running ({shown})\n", end="", flush=True)
         run(options.source, options.build, given)
     except (InputError, OSError) as error:
         told = str(error)
+        code = 1
     except PapermillExecutionError as error:
         lines = (line for line in error.source.splitlines() if line.strip())
         told = (
             f"cell {error.cell_index + 1} ({next(lines, '')}) failed: {error.ename}: "
             f"{error.evalue} (executed so far: {options.build / stem}.failed.ipynb)"
         )
+        code = 1
     except KeyboardInterrupt:
-        return _interrupted(stem, "")
+        told = "interrupted; the same make goes on from here"
+        code = 130
     except RuntimeError:
-        return _interrupted(stem, " (its kernel was killed or died)")
+        told = "interrupted (its kernel died); the same make goes on from here"
+        code = 130
     else:
-        _print_line(f"{stem}: done in {time.monotonic() - started:.0f} s")
+        seconds = time.monotonic() - started
+        print(f"{stem}: done in {seconds:.0f} s\n", end="", flush=True)
         return 0
     if not re.match(r"\d\d_\w+: ", told):  # an error may name another notebook
         told = f"{stem}: {told}"
     print(told, file=sys.stderr)
-    return 1
+    return code
 
 
 def _given_parameters(source: Path, items: Sequence[str]) -> dict[str, object]:
@@ -244,16 +250,6 @@ def _given_parameters(source: Path, items: Sequence[str]) -> dict[str, object]:
         given = parse_parameters(items, path.stem, stems)
         check_parameters(path.stem, known_parameters(path), given)
     return parse_parameters(items, source.stem, stems)
-
-
-def _interrupted(stem: str, why: str) -> int:
-    print(f"{stem}: interrupted{why}; the same make goes on from here", file=sys.stderr)
-    return 130
-
-
-def _print_line(text: str) -> None:
-    """Print a line in one piece, so that lines of parallel notebooks stay whole."""
-    print(f"{text}\n", end="", flush=True)
 
 
 if __name__ == "__main__":

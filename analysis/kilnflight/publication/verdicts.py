@@ -26,10 +26,7 @@ def collect() -> pd.DataFrame:
         If two notebooks judge the same claim.
     """
     known = claims.load()
-    rows = []
-    for stem, concluded in index.load()["notebooks"].items():
-        rows += [each | {"notebook": stem} for each in concluded["verdicts"]]
-    rows = choices.opened(rows, choices.compared())
+    rows = choices.opened(index.rows("verdicts"), index.rows("choices"))
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
     judged = pd.DataFrame(rows, columns=names).set_index("id")
     for claim_id in judged.index[judged.index.duplicated()]:

@@ -66,7 +66,7 @@ import hashlib
 import math
 import mmap
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -82,7 +82,7 @@ from kilnflight.recording.frames import (
     check_position,
     count_frames,
 )
-from kilnflight.recording.manifest import FileTable, Manifest
+from kilnflight.recording.manifest import read_manifest
 from kilnflight.recording.readers import (
     Anything,
     Film,
@@ -98,13 +98,10 @@ SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # their values are never above it
 
 
 class Part(NamedTuple):
-    """Coordinates or labels: their files by number of the frame."""
+    """Coordinates or labels: files by number of the frame, and how they are read."""
 
-    table: FileTable
     files: Mapping[int, Path]
-
-
-NO_PART = Part(FileTable(pattern=""), {})
+    read: Callable[[Path, tuple[int, ...]], dict[str, Anything]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +123,8 @@ class FileRecording:
         Of coloured pictures, one of `CHANNELS`.
     scale
         Value that becomes 0, and grey values per unit; None: whole grey values stay.
-    coordinates, labels
-        Files of the frames that have any.
+    parts
+        Coordinates and labels, of the frames that have any.
     """
 
     attributes: Attributes
@@ -136,8 +133,7 @@ class FileRecording:
     images: Any = field(repr=False)
     channel: str | None = None
     scale: tuple[float, float] | None = None
-    coordinates: Part = field(default=NO_PART, repr=False)
-    labels: Part = field(default=NO_PART, repr=False)
+    parts: Sequence[Part] = field(default=(), repr=False)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -165,13 +161,9 @@ class FileRecording:
         gray = self.gray(t)
         number = self.numbers[t]
         found = dict[str, Any]()
-        table, files = self.coordinates
-        if number in files:
-            pixels, xyz = table.read_points(files[number], gray.shape)
-            found = {"pixels": pixels, "xyz": xyz}
-        table, files = self.labels
-        if number in files:
-            found["labels"] = table.read_labels(files[number], gray.shape)
+        for files, read in self.parts:
+            if number in files:
+                found |= read(files[number], gray.shape)
         index = self.index[t]
         time_s = (index - self.index[0]) / self.attributes.frame_rate_hz
         frame = Frame(index=index, time_s=time_s, gray=gray, **found)
@@ -180,7 +172,7 @@ class FileRecording:
     @property
     def files(self) -> list[Path]:
         """The files of single frames, and a film."""
-        files = [*self.coordinates.files.values(), *self.labels.files.values()]
+        files = [path for part in self.parts for path in part.files.values()]
         if isinstance(self.images, Film | PictureFiles):
             files = [*self.images.files, *files]
         return files
@@ -271,19 +263,21 @@ def _open_path(
 
 def _open_manifest(path: Path) -> FileRecording:
     try:
-        manifest = Manifest.from_toml(path)
-        gray = manifest.gray
+        facts, tables = read_manifest(path)
+        gray = tables.pop("gray")
         images, numbers = open_images(gray.pattern, path.parent, gray.key)
-        parts = {}
-        for name, table in manifest.parts.items():
+        parts = []
+        for name, table in tables.items():
             files = number_files(table.pattern, path.parent)
             extra = files.keys() - set(numbers)
             if extra:
                 raise InputError(
                     f"{files[min(extra)]} is of frame {min(extra)}, without gray."
                 )
-            parts[name] = Part(table, files)
-        return _recording(images, numbers, manifest.facts, gray.channel, **parts)
+            is_labels = name == "labels"
+            read = table.read_labels if is_labels else table.read_points
+            parts.append(Part(files, read))
+        return _recording(images, numbers, facts, gray.channel, parts)
     # Not there, no text or TOML, nested too deep, a value of a wrong type.
     except (OSError, TypeError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -295,7 +289,7 @@ def _recording(
     numbers: Sequence[int],
     facts: Mapping[str, Any],
     channel: str | None,
-    **parts: Part,
+    parts: Sequence[Part] = (),
 ) -> FileRecording:
     """Return the recording of some images; the first one decides size and channel."""
     where = f"recording {facts['name']}"
@@ -309,7 +303,9 @@ def _recording(
         notes.append(
             f"coloured pictures: channel {channel}, which varies most, is used"
         )
-    elif channel is not None and not _has_channel(first, channel):
+    elif channel is not None and (
+        first.ndim != 3 or channel not in CHANNELS[: first.shape[2]]
+    ):
         raise InputError(
             f"{where}: it has no channel {channel!r}. Leave it out, or name a colour."
         )
@@ -338,12 +334,8 @@ def _recording(
         images=images,
         channel=channel,
         scale=scale,
-        **parts,
+        parts=parts,
     )
-
-
-def _has_channel(image: Anything, channel: str) -> bool:
-    return image.ndim == 3 and channel in CHANNELS[: image.shape[2]]
 
 
 def _is_coloured(image: Anything) -> bool:

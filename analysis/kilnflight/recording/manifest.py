@@ -1,4 +1,4 @@
-"""Manifests: what is known of a recording, and which files hold it."""
+"""Manifests: facts about a recording, and the tables of its files."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Picture, Single
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
-from kilnflight.recording.readers import read_array
+from kilnflight.recording.readers import Anything, read_array
 
 FACTS = (  # attributes that a manifest states
     "name",
@@ -88,9 +86,7 @@ class FileTable:
                 raise _unusable(f"{where}{key}", given[key])
         return table
 
-    def read_points(
-        self, path: Path, size: tuple[int, ...]
-    ) -> tuple[npt.NDArray[np.int32], Single]:
+    def read_points(self, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
         where = str(path)
         array = real_numbers(read_array(path, self.key), where)
@@ -111,9 +107,9 @@ class FileTable:
             )
         with np.errstate(over="ignore"):  # too large becomes infinite, and is refused
             positions = (xyz[known] * MM_PER_UNIT[self.unit]).astype(np.float32)
-        return pixels.astype(np.int32), positions
+        return {"pixels": pixels.astype(np.int32), "xyz": positions}
 
-    def read_labels(self, path: Path, size: tuple[int, ...]) -> Picture:
+    def read_labels(self, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
         """Read the classes (rows, cols) of Table 5.1."""
         image = read_array(path, self.key)
         check_shape(image, size, str(path))
@@ -123,50 +119,32 @@ class FileTable:
         if labels.isna().any():
             unknown = values[labels.isna().argmax()]
             raise InputError(f"{path}: class {unknown} is not in classes. Add it.")
-        return labels.to_numpy(np.uint8).reshape(size)
+        return {"labels": labels.to_numpy(np.uint8).reshape(size)}
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """What a manifest states.
+def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
+    """Read a manifest: its `FACTS` and its `TABLES`, by name.
 
-    Parameters
-    ----------
-    facts
-        Values of `FACTS`, as `kilnflight.recording.frames.Attributes` takes them.
-    gray
-        Its table of that name.
-    parts
-        Its tables ``coordinates`` and ``labels``, where it has them.
+    Raises
+    ------
+    OSError, ValueError, RecursionError
+        If it cannot be read, or a key is missing, unknown or unusable.
     """
-
-    facts: Mapping[str, Any]
-    gray: FileTable
-    parts: Mapping[str, FileTable]
-
-    @classmethod
-    def from_toml(cls, path: Path) -> Self:
-        """Read a manifest.
-
-        Raises
-        ------
-        OSError, ValueError, RecursionError
-            If it cannot be read, or a key is missing, unknown or unusable.
-        """
-        text = path.read_text("utf-8-sig")[:LONGEST]
-        stated = tomllib.loads(text.replace("\\", "/"))
-        needed = ("name", "frame_rate_hz", "gray")
-        _check_keys(stated, known=(*FACTS, *TABLES), needed=needed)
-        tables = {
-            name: FileTable.from_toml(stated.pop(name), name)
-            for name in TABLES
-            if name in stated
-        }
-        if not isinstance(stated["name"], str) or "/" in stated["name"]:
-            raise _unusable("name", stated["name"])
-        if not isinstance(stated.get("fraction", ""), str):
-            raise _unusable("fraction", stated["fraction"])
-        return cls(facts=stated, gray=tables.pop("gray"), parts=tables)
+    text = path.read_text("utf-8-sig")[:LONGEST]
+    facts = tomllib.loads(text.replace("\\", "/"))
+    needed = ("name", "frame_rate_hz", "gray")
+    _check_keys(facts, known=(*FACTS, *TABLES), needed=needed)
+    tables = {
+        name: FileTable.from_toml(facts.pop(name), name)
+        for name in TABLES
+        if name in facts
+    }
+    for key in ("name", "fraction"):
+        if not isinstance(facts.get(key, ""), str):
+            raise _unusable(key, facts[key])
+    if "/" in facts["name"]:  # folders are named by it
+        raise _unusable("name", facts["name"])
+    return facts, tables
 
 
 def _are_classes(classes: Any) -> bool:
@@ -178,18 +156,16 @@ def _are_classes(classes: Any) -> bool:
 
 def _check_keys(
     given: Mapping[str, Any],
-    *,
     known: Collection[str],
     needed: Collection[str],
     where: str = "",
 ) -> None:
     """Raise an `InputError` that names the first key that is missing or unknown."""
-    for key in needed:
+    for key in (*needed, *given):
         if key not in given:
             raise InputError(
                 f"{where}{key} is missing; see pydoc kilnflight.recording.files."
             )
-    for key in given:
         if key not in known:
             raise _unusable(f"{where}{key}", given[key])
 

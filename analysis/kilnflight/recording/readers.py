@@ -99,7 +99,7 @@ def open_images(
     if not path.is_file():
         found = number_files(pattern, folder)
         return PictureFiles([*found.values()], key), [*found]
-    images: Any = Film(path) if _ending(path) in FILMS else read_stack(path, key)
+    images: Any = Film(path) if path.suffix.lower() in FILMS else read_stack(path, key)
     return images, range(len(images))
 
 
@@ -147,7 +147,7 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
 def read_array(path: Path, key: str | None = None) -> Anything:
     """Read the array or picture in a file; parameters as for `read_stack`."""
     array = read_stack(path, key)
-    is_picture = _ending(path) in PICTURES and len(array) == 1
+    is_picture = path.suffix.lower() in PICTURES and len(array) == 1
     return array[0] if is_picture else array
 
 
@@ -178,7 +178,7 @@ def read_stack(path: Path, key: str | None = None) -> Anything:
 
 
 def _read(path: Path, key: str | None) -> Anything:
-    ending = _ending(path)
+    ending = path.suffix.lower()
     if ending in TIFFS:
         return _read_tiff(path)
     if ending in PICTURES:
@@ -197,10 +197,6 @@ def _read(path: Path, key: str | None) -> Anything:
             array = _choose(file, key)
         return array.T if ending == ".mat" else array
     raise InputError("this kind of file is not known. Convert it.")
-
-
-def _ending(path: Path) -> str:
-    return path.suffix.lower()
 
 
 def _choose(content: Any, key: str | None) -> Anything:

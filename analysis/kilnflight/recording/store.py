@@ -178,17 +178,10 @@ def open_recording(path: Path | str) -> StoredRecording:
         per_frame = {
             name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()
         }
-        length = len(pd.DataFrame(per_frame))  # refuses columns of several lengths
-        arrays = {name: group[name] for name in KINDS}
-        for name, how in _layout(attributes, length).items():
-            if any(getattr(arrays[name], key) != value for key, value in how.items()):
-                raise InputError(
-                    f"its {name} is not of the size and type that it states"
-                )
         return StoredRecording(
             path=path,
             attributes=attributes,
-            arrays=arrays,
+            arrays={name: group[name] for name in KINDS},
             per_frame=per_frame,
             stated=content,
         )
@@ -284,37 +277,26 @@ def _write(
     group.attrs["content"] = open_recording(folder).content()
 
 
-def _layout(attributes: Attributes, length: int) -> dict[str, dict[str, Any]]:
-    """Return shape, chunks and type of each array of a recording."""
-    pixels = attributes.rows * attributes.columns
-    layout = {}
-    for name, kind in KINDS.items():
-        shape = attributes.size
-        chunks = shape
-        if name in POINT_NUMBERS:
-            shape = (pixels, POINT_NUMBERS[name])
-            chunks = (min(POINTS_PER_CHUNK, pixels), POINT_NUMBERS[name])
-        layout[name] = {
-            "shape": (length, *shape),
-            "chunks": (1, *chunks),
-            "dtype": np.dtype(kind),
-        }
-    return layout
-
-
 def _create(
     folder: Path, attributes: Attributes, length: int
 ) -> tuple[Any, dict[str, Any]]:
     """Return a new, empty group and its arrays."""
     stated = {"format": FORMAT, **asdict(attributes)}
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=stated)
-    arrays = {
-        name: group.create_array(
+    pixels = attributes.rows * attributes.columns
+    arrays = {}
+    for name, kind in KINDS.items():
+        shape = attributes.size
+        chunk = shape
+        if name in POINT_NUMBERS:
+            shape = (pixels, POINT_NUMBERS[name])
+            chunk = (min(POINTS_PER_CHUNK, pixels), POINT_NUMBERS[name])
+        arrays[name] = group.create_array(
             name,
+            shape=(length, *shape),
+            chunks=(1, *chunk),
+            dtype=kind,
             compressors=ZstdCodec(level=1, checksum=True),
             config={"write_empty_chunks": True},  # a chunk without a file is damage
-            **how,
         )
-        for name, how in _layout(attributes, length).items()
-    }
     return group, arrays

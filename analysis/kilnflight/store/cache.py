@@ -98,9 +98,8 @@ def locked(path: Path) -> Iterator[None]:
 def code_hash(*objects: object) -> str:
     """Return a hash of the source code behind functions, classes and instances.
 
-    The text of their modules counts, of all modules of this package that these import,
-    and of JSON and CSV files in the same folders. Objects of other packages or
-    notebooks do not count.
+    The text of their modules counts, and of all modules of this package that these
+    import. Objects of other packages or notebooks do not count.
     """
     files = set[Path]()
     for value in objects:
@@ -117,21 +116,19 @@ def _closure_hash(files: frozenset[Path]) -> str:
     while pending:
         file = pending.pop()
         texts[file] = file.read_text("utf-8")
-        if file.suffix == ".py":
-            pending |= _imports(file) - texts.keys()
+        pending |= _imports(texts[file]) - texts.keys()
     named = sorted(
         (str(file.relative_to(PACKAGE)), text) for file, text in texts.items()
     )
     return hashlib.sha256(repr(named).encode()).hexdigest()
 
 
-def _imports(file: Path) -> set[Path]:
-    """Return the files of this package that a module imports, and its data files."""
-    found = {*file.parent.glob("*.json"), *file.parent.glob("*.csv")}
-    for base, names in IMPORTS.findall(file.read_text("utf-8")):
-        found |= _module(base)
-        for name in re.findall(r"\w+", names):
-            found |= _module(f"{base}.{name}")
+def _imports(text: str) -> set[Path]:
+    """Return the files of this package that a module with this text imports."""
+    found = set[Path]()
+    for base, names in IMPORTS.findall(text):
+        for name in ["", *re.findall(r"\w+", names)]:
+            found |= _module(f"{base}.{name}".rstrip("."))
     return found
 
 

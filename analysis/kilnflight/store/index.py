@@ -61,3 +61,11 @@ def _existing(entries: dict[str, Any], folder: Path, ending: str) -> dict[str, A
         for name, entry in entries.items()
         if (folder / f"{name}.{ending}").is_file()
     }
+
+
+def rows(part: str) -> list[dict[str, Any]]:
+    """Return the verdicts or choices of all notebooks, each with its notebook."""
+    found = []
+    for stem, concluded in load()["notebooks"].items():
+        found += [each | {"notebook": stem} for each in concluded[part]]
+    return found
