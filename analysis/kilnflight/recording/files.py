@@ -296,19 +296,7 @@ def _recording(
     if not numbers:
         raise InputError(f"{where}: it has no frames.")
     first = np.asarray(images[0])
-    notes = list[str]()
-    if channel is None and _is_coloured(first):
-        spread = first[..., :3].std(axis=(0, 1))
-        channel = CHANNELS[spread.argmax()]
-        notes.append(
-            f"coloured pictures: channel {channel}, which varies most, is used"
-        )
-    elif channel is not None and (
-        first.ndim != 3 or channel not in CHANNELS[: first.shape[2]]
-    ):
-        raise InputError(
-            f"{where}: it has no channel {channel!r}. Leave it out, or name a colour."
-        )
+    channel, notes = _choose_channel(first, channel, where)
     index, step = count_frames(numbers)
     if step != 1:
         notes.append(f"numbers go in steps of {step:g}: frames are counted from 0")
@@ -336,6 +324,23 @@ def _recording(
         scale=scale,
         parts=parts,
     )
+
+
+def _choose_channel(
+    image: Anything, channel: str | None, where: str
+) -> tuple[str | None, list[str]]:
+    """Return the channel of a recording, and a note if it was not named."""
+    if channel is not None:
+        if image.ndim != 3 or channel not in CHANNELS[: image.shape[2]]:
+            raise InputError(
+                f"{where}: it has no channel {channel!r}. Leave it out, or name a "
+                "colour."
+            )
+        return channel, []
+    if not _is_coloured(image):
+        return None, []
+    varied = CHANNELS[image[..., :3].std(axis=(0, 1)).argmax()]
+    return varied, [f"coloured pictures: channel {varied}, which varies most, is used"]
 
 
 def _is_coloured(image: Anything) -> bool:
