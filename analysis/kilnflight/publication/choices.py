@@ -19,21 +19,32 @@ from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import index, paths
 
-# What can decide a choice. Sentences and the authors' programs are evidence; the others
-# are not.
+# These decide a choice. Sentences and the authors' programs are evidence, the others not.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
 UNDECIDED = ("identified", "assumption")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One result with the chosen and with the other value."""
+    """One result with the chosen and with the other value.
+
+    Parameters
+    ----------
+    id
+        Id in data/reference/choices.csv.
+    quantity
+        What is compared, with its unit.
+    chosen, other
+        Both results, at most 60 characters each.
+    turns
+        Both verdicts, by id, of the claims whose verdict differs.
+    """
 
     id: str
-    quantity: str  # with its unit
-    chosen: str  # at most 60 characters, like `other`
+    quantity: str
+    chosen: str
     other: str
-    turns: Mapping[str, str]  # ids of the claims whose verdict differs, both verdicts
+    turns: Mapping[str, str]
 
 
 def load() -> pd.DataFrame:

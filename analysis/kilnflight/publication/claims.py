@@ -9,7 +9,6 @@ saved: `check`. The rules of a verdict stand in docs/limits.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -31,15 +30,31 @@ REASON = 160
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one claim; a row of figures/claims.csv."""
+    """Verdict on one claim; a row of figures/claims.csv.
+
+    Parameters
+    ----------
+    id
+        Id in data/reference/claims.csv.
+    verdict
+        One of `VERDICTS`.
+    because
+        One of `CAUSES` if it is not reproduced; ``"choice"`` if that leaves it open;
+        else empty.
+    measured
+        Our result, at most `MEASURED` characters.
+    published
+        Sentence of the claim.
+    reason
+        One sentence, at most `REASON` characters.
+    """
 
     id: str
-    verdict: str  # one of `VERDICTS`
-    # one of `CAUSES` if it is not reproduced; "choice" if that leaves it open; else ""
+    verdict: str
     because: str
-    measured: str  # at most 60 characters
-    published: str  # sentence of the claim
-    reason: str = ""  # one sentence
+    measured: str
+    published: str
+    reason: str = ""
 
 
 def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
@@ -59,7 +74,7 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     """
     folder = paths.reference() / "published"
     path = folder / f"{name}.csv"
-    if Path(name).name != name or not path.is_file():
+    if not path.is_file():
         names = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
         raise InputError(f"no published table {name!r}; there are {names}.")
     if as_printed:

@@ -35,7 +35,7 @@ from kilnflight.publication.style import mark, style
 from kilnflight.store import index, paths
 
 PNG_DPI = 300
-DRAFT_DPI = 150  # for a reduced run, whose figures are not to be cited
+DRAFT_DPI = 150  # a reduced run's figures are not to be cited
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST_PNG = 300_000  # bytes
 # Shares of the resolution and numbers of colours, tried until a PNG is small enough.
@@ -52,15 +52,33 @@ SOURCES = (
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a figure comes from; stored in index.json and in the picture."""
+    """Where a figure comes from; stored in index.json and in the picture.
 
-    notebook: str  # stem
+    Parameters
+    ----------
+    notebook
+        Stem of the notebook.
+    parameters
+        Values of its parameters cell.
+    seed
+        Seed of every random draw, if there is any.
+    inputs
+        SHA-256 of each file that was read, by name.
+    version
+        Version of kilnflight.
+    commit
+        Last commit on `SOURCES`; empty without git.
+    mark
+        Kind of data; it stands inside each picture.
+    """
+
+    notebook: str
     parameters: Mapping[str, object] = field(default_factory=dict)
     seed: int | None = None
-    inputs: Mapping[str, str] = field(default_factory=dict)  # name -> SHA-256
+    inputs: Mapping[str, str] = field(default_factory=dict)
     version: str = __version__
-    commit: str = ""  # of the sources; "" without git
-    mark: str = "simulated"  # stands inside each picture
+    commit: str = ""
+    mark: str = "simulated"
 
 
 def trace(
@@ -212,7 +230,7 @@ def conclude(
     """
     compared = [asdict(each) for each in choices]
     rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
-    result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
+    result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
     body = f"<p>{html.escape(result)}</p>"

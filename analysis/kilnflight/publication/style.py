@@ -59,7 +59,7 @@ THIN_BOX = {
     "linewidth": 0.7,
     "linestyle": "-",
 }
-BOXES: dict[str, Any] = {  # of `Axes.boxplot` and `Axes.bxp`
+BOXES: dict[str, Any] = {  # arguments of `Axes.boxplot` and `Axes.bxp`
     "manage_ticks": False,
     "patch_artist": True,
     "medianprops": {"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},

@@ -41,7 +41,7 @@ class FrameBuffer:
             view = self._fetch(t).gray.view()
         else:
             view = self._recording.gray(t).view()
-        view.flags.writeable = False  # so a background model may hold it without a copy
+        view.flags.writeable = False  # a background model holds it without a copy
         return view
 
     def take(self, t: int) -> Frame:

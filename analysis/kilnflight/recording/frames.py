@@ -129,27 +129,34 @@ class Attributes:
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"
-        usable = isinstance(self.name, str) and bool(self.name.strip())
         for key in ("rows", "columns", "frame_rate_hz", "pressure_bar"):
             value = getattr(self, key)
             if value is not None:
                 whole = key in ("rows", "columns")
                 value = check_number(value, f"{where}, {key}", above=0, whole=whole)
-                object.__setattr__(self, key, value)  # as JSON has it, not numpy
+                object.__setattr__(self, key, value)  # JSON has no numbers of numpy
         if self.lance_mm is not None:
             check_finite(self.lance_mm, f"{where}, lance_mm", (3,))
-        if self.roi is not None:
-            roi = check_finite(self.roi, f"{where}, roi", (None, 2))
-            usable &= len(roi) >= 3 and bool(((roi >= 0) & (roi <= self.size)).all())
-        if self.flame_roi is not None:
-            flame = check_finite(self.flame_roi, f"{where}, flame_roi", (4,))
-            (row0, row1), (col0, col1) = flame.reshape(2, 2)
-            usable &= 0 <= row0 < row1 <= self.rows and not (flame % 1).any()
-            usable &= 0 <= col0 < col1 <= self.columns
-        if not usable:
+        named = isinstance(self.name, str) and self.name.strip()
+        if not (named and self._roi_fits(where) and self._flame_roi_fits(where)):
             raise InputError(
                 f"{where}: name, roi or flame_roi cannot be used ({self.size} px)."
             )
+
+    def _roi_fits(self, where: str) -> bool:
+        if self.roi is None:
+            return True
+        roi = check_finite(self.roi, f"{where}, roi", (None, 2))
+        return len(roi) >= 3 and bool(((roi >= 0) & (roi <= self.size)).all())
+
+    def _flame_roi_fits(self, where: str) -> bool:
+        if self.flame_roi is None:
+            return True
+        edges = check_finite(self.flame_roi, f"{where}, flame_roi", (4,))
+        row0, row1, col0, col1 = edges
+        rows_fit = 0 <= row0 < row1 <= self.rows
+        columns_fit = 0 <= col0 < col1 <= self.columns
+        return rows_fit and columns_fit and not (edges % 1).any()
 
     @property
     def size(self) -> tuple[int, int]:

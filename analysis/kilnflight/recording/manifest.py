@@ -99,15 +99,14 @@ class FileTable:
         xyz = array[..., -3:].reshape(-1, 3)
         depth = xyz[:, 2].astype(np.float32)
         known = ~np.isnan(xyz).any(axis=1) & (depth != np.float32(self.invalid))
-        pixels = pixels[known]
-        whole = (np.abs(pixels) < 2**31).all() and not (pixels % 1).any()
-        if not whole or (len(known) and not known.any()):
+        with np.errstate(all="ignore"):  # what cannot be stored is refused
+            whole = pixels[known].astype(np.int32)
+            positions = (xyz[known] * MM_PER_UNIT[self.unit]).astype(np.float32)
+        if (whole != pixels[known]).any() or (len(known) and not known.any()):
             raise InputError(
                 f"{path}: row and col of a point are not whole, or none has a position."
             )
-        with np.errstate(over="ignore"):  # too large becomes infinite, and is refused
-            positions = (xyz[known] * MM_PER_UNIT[self.unit]).astype(np.float32)
-        return {"pixels": pixels.astype(np.int32), "xyz": positions}
+        return {"pixels": whole, "xyz": positions}
 
     def read_labels(self, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
         """Read the classes (rows, cols) of Table 5.1."""

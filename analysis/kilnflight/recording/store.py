@@ -55,13 +55,27 @@ PER_FRAME = {
 
 @dataclass(frozen=True, eq=False)
 class StoredRecording:
-    """A recording on disk, made by `open_recording`."""
+    """A recording on disk, made by `open_recording`.
+
+    Parameters
+    ----------
+    path
+        Its folder.
+    attributes
+        Facts about the whole recording.
+    arrays
+        Arrays by name, those of `KINDS`.
+    per_frame
+        Columns (frames,) by name, those of `PER_FRAME`.
+    stated
+        Its `content` when it was written; None in recordings that do not state it.
+    """
 
     path: Path
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
-    per_frame: Mapping[str, npt.NDArray[Any]]  # of the names in PER_FRAME
-    stated: str | None = None  # its `content` when it was written
+    per_frame: Mapping[str, npt.NDArray[Any]]
+    stated: str | None = None
 
     def __len__(self) -> int:
         return len(self.per_frame["index"])
@@ -255,7 +269,7 @@ def _write(
     where = f"recording {recording.attributes.name}"
     rows = []
     group, arrays = _create(folder, recording.attributes, len(frames))
-    # disable=None: a bar in a terminal, nothing in logs and notebooks
+    # disable=None shows a bar in a terminal and nothing in logs and notebooks.
     for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
         frame = recording.frame(t)
         points = len(frame.xyz)

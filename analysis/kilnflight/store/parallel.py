@@ -26,9 +26,9 @@ from kilnflight.store import paths
 from kilnflight.store.cache import AGAIN
 
 Make = Callable[..., Any]  # computes one piece
-PATIENCE_S = 10.0  # for the scheduler and its first worker to answer
-LOGGED_S = 60.0  # between two states of the bar in a log
-PR_SET_PDEATHSIG = 1  # of prctl(2)
+PATIENCE_S = 10.0  # the scheduler and its first worker have this time to answer
+LOGGED_S = 60.0  # a log shows the bar once in this time
+PR_SET_PDEATHSIG = 1  # see prctl(2)
 
 
 @dataclass(frozen=True)
