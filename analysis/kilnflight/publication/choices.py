@@ -19,7 +19,7 @@ from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import index, paths
 
-# These decide a choice. Sentences and the authors' programs are evidence, the others not.
+# These decide a choice. Sentences and the authors' programs alone are evidence.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
 UNDECIDED = ("identified", "assumption")
 
