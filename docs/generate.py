@@ -269,7 +269,7 @@ def run_sphinx(pages: Path, fresh: Path, executed: Path, banner: str) -> None:
     (executed / "site.log").write_text(done.stdout + done.stderr)
     if done.returncode:
         lines = done.stderr.splitlines()
-        warned = (line for line in lines if "WARNING" in line or "rror" in line)
+        warned = (line for line in lines if re.search("warning|error", line, re.I))
         first = next(warned, "Sphinx failed")
         raise InputError(f"{first} (all: {executed}/site.log)")
 
