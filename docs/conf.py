@@ -13,7 +13,7 @@ from ziamath import Latex
 
 from kilnflight import __version__
 
-# of millions of nodes few are garbage; to look for it takes a quarter of the time
+# Few of millions of nodes are garbage; the search would take a quarter of the time.
 gc.disable()
 
 project = "kilnflight"
@@ -50,7 +50,7 @@ myst_dmath_double_inline = True
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """Draw formulas as SVG when the site is built, and keep bars of docstrings as bars."""
+    """Draw formulas as SVG when the site is built, and keep bars in docstrings."""
     app.add_html_math_renderer("drawn", (inline, None), (block, None))
     app.connect("autodoc-process-docstring", bars)
     app.connect("autodoc-process-signature", short_paths)
@@ -63,7 +63,7 @@ def bars(*given: Any) -> None:
 
 
 def short_paths(*given: Any) -> tuple[str, str] | None:
-    """Return a signature whose default paths begin at the package, not on this machine."""
+    """Return a signature whose default paths begin at the package."""
     short = given[-2] and re.sub(
         r"\w*Path\('[^']*/(kilnflight/[^']*)'\)", r"Path('\1')", given[-2]
     )

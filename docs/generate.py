@@ -1,5 +1,4 @@
-"""Write the pages of the site and run Sphinx on them: ``python docs/generate.py BUILD
-SITE``.
+"""Write the pages of the site and run Sphinx: ``python docs/generate.py BUILD SITE``.
 
     executed notebooks in BUILD, the folder of figures, docs/ -> BUILD/pages -> SITE
 
@@ -26,9 +25,8 @@ from kilnflight.store import index, paths
 from kilnflight.store.cache import write_whole
 
 DOCS = Path(__file__).parent
-# How work and place of its claims begin: title, number of the notebook whose result is
-# shown Title: where its claims stand, notebooks whose results are shown, a table to
-# read first
+# By title: a pattern of work and place of its claims, numbers of the notebooks whose
+# results are shown, and a table to read first.
 CHAPTERS = {
     "Detection": ("thesis (3|5[.]1|6)", ("24",), "detection-scores"),
     "Tracking": ("thesis (4[.]2|5[.]2)", ("32",), "table-5-17-tracking"),
@@ -38,12 +36,11 @@ CHAPTERS = {
     "Belt": ("belt-", ("40",), "fig-belt20-9-arrival"),
     "Misprints": ("misprint", ("00",), "errata"),
 }
-STEMS = {
-    "thesis": "",
-    "belt-2020": "belt20-",
-    "belt-2016": "belt16-",
-}  # of the figures' ids
+# Ids of figures have these between kind and number.
+STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
 LONGEST = 150  # rows of a table that a page shows
+SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
+FOUR_DIGITS = r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)"
 
 
 def latex(text: str) -> str:
@@ -76,14 +73,14 @@ def saved() -> dict[str, dict[str, Any]]:
     url = re.search(r'^repository-code: *"?([^"\s]+)', cff, re.M)
     for name, entry in index.load()["figures"].items():
         origin = entry["provenance"]
-        sentence = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
         kinds = [
             kind
             for kind in ("png", "csv", "pdf")
             if (folder / f"{name}.{kind}").is_file()
         ]
         each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
-        each["title"] = re.split(sentence, entry["caption"], maxsplit=1)[0].rstrip(".")
+        first = re.split(SENTENCE_END, entry["caption"], maxsplit=1)[0]
+        each["title"] = first.rstrip(".")
         each["scale"] = origin["parameters"].get("scale", "full")
         each["commit"] = origin["commit"][:12] + origin["commit"][40:]
         each["page"] = f"{origin['notebook']}.html#{name}"
@@ -92,28 +89,28 @@ def saved() -> dict[str, dict[str, Any]]:
             each["cited"]["LaTeX"] = render("latex", **each)
             with Image.open(folder / f"{name}.png") as image:
                 shown = figures.SCREEN_DPI / image.info["dpi"][0]
-                each["width"], each["height"] = (
-                    round(shown * size) for size in image.size
-                )
+                each["width"] = round(shown * image.width)
+                each["height"] = round(shown * image.height)
         found[name] = each
     return found
 
 
 def table(name: str, folder: Path | None = None) -> str:
-    """Return a saved table as HTML, numbers with four digits; rows of claims.csv have
-    anchors.
+    """Return a saved table as HTML, numbers with four digits.
+
+    Rows of claims.csv have anchors.
     """
     path = (folder or paths.figures()) / f"{name}.csv"
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
     text = rows.head(LONGEST).to_html(index=False, border=0)
-    text = re.sub(
-        r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)", lambda found: f"{float(found[0]):.4g}", text
-    )
+    text = re.sub(FOUR_DIGITS, lambda found: f"{float(found[0]):.4g}", text)
     text = re.sub(r"<td>(\d\d_\w+)</td>", r'<td><a href="\1.html">\1</a></td>', text)
     if name == "claims":
         text = re.sub(r"<tr>(\s*<td>)([\w-]+)<", r'<tr id="\2">\1\2<', text)
     left = len(rows) - LONGEST
-    return text + (f"<p>{left} more rows in the CSV.</p>" if left > 0 else "")
+    if left > 0:
+        text += f"<p>{left} more rows in the CSV.</p>"
+    return text
 
 
 def block(each: dict[str, Any]) -> str:
@@ -142,30 +139,28 @@ def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
             if cells and cells[-1].cell_type == "code" and not cells[-1].outputs:
                 cell.source = f"{cells.pop().source}\n\n{cell.source}"  # one fold
         cells.append(cell)
-    rest = "".join(block(known[name]) for name in sorted(left))
-    cells += [new_markdown_cell(f"```{{raw}} html\n{rest}\n```")] if rest else []
+    if left:
+        rest = "".join(block(known[name]) for name in sorted(left))
+        cells.append(new_markdown_cell(f"```{{raw}} html\n{rest}\n```"))
     notebook.cells = cells
     return notebook
 
 
 def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the figures and tables of the works, each with the saved ones that show
-    it.
-    """
+    """Return the figures and tables of the works, each with those that show it."""
     rows = pd.read_csv(
         paths.reference() / "numbers.csv", dtype=str, keep_default_na=False
     )
     listed = rows.to_dict("records")
     for row in listed:
         row["label"] = f"{row['kind'].replace('Fig', 'Fig.')} {row['number']}"
-        stem = f"{row['kind']}-{STEMS[row['work']]}{row['number']}-".lower().replace(
-            ".", "-"
-        )
+        stem = f"{row['kind']}-{STEMS[row['work']]}{row['number']}-"
+        stem = stem.lower().replace(".", "-")
         row["figures"] = [
             each for name, each in known.items() if f"{name}-".startswith(stem)
         ]
         pictures = [each for each in row["figures"] if each["kind"] == "picture"]
-        row["thumbnail"] = pictures[0] if pictures else None
+        row["thumbnail"] = next(iter(pictures), None)
     places = {
         (row["work"], f"drawn with {row['label']}"): row["figures"] for row in listed
     }
@@ -198,9 +193,7 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
 
 
 def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
-    """Write the sources of the site and the thumbnails; return the scales of the
-    figures.
-    """
+    """Write the sources of the site and the thumbnails; return the reduced scales."""
     known = saved()
     concluded = index.load()["notebooks"]
     (pages / "documents").mkdir(parents=True)
@@ -213,16 +206,13 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
     stems = [path.stem for path in notebooks]
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
-        shutil.copy(
-            path, pages if path.stem in ("index", "api") else pages / "documents"
-        )
-    for name in ("benchmarks", "cost-by-step", "growth"):  # of make bench, at one scale
-        there = (paths.root() / "figures" / f"{name}.csv").is_file()
-        text = (
-            table(name, paths.root() / "figures")
-            if there
-            else "<p>Not measured here.</p>"
-        )
+        top = path.stem in ("index", "api")
+        shutil.copy(path, pages if top else pages / "documents")
+    measured = paths.root() / "figures"  # make bench writes there, at one scale
+    for name in ("benchmarks", "cost-by-step", "growth"):
+        text = "<p>Not measured here.</p>"
+        if (measured / f"{name}.csv").is_file():
+            text = table(name, measured)
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
     (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
@@ -250,48 +240,17 @@ def build(executed: Path, site: Path) -> None:
     pages, small, fresh = (executed / name for name in ("pages", "thumbnails", "fresh"))
     for folder in (pages, small, fresh):
         shutil.rmtree(folder, ignore_errors=True)
-    whole = (executed / "00_claims.ipynb").is_file()
-    scales = (write_pages if whole else write_page)(executed, pages, small)
-    told = (
-        f"A reduced run (scale {' and '.join(scales)}): little input, other numbers. "
-        "Cite from "
-    )
-    banner = (
-        f"html_theme_options.announcement={told + 'make full only.' if scales else ''}"
-    )
-    options = [
-        "-q",
-        "-W",
-        "--keep-going",
-        "--no-color",
-        "-j",
-        "auto",
-        "-D",
-        banner,
-        "-c",
-        DOCS,
-    ]
-    command = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        *options,
-        "-d",
-        executed / "doctrees",
-        pages,
-        fresh,
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    (executed / "site.log").write_text(done.stdout + done.stderr)
-    if done.returncode:
-        lines = [
-            line
-            for line in done.stderr.splitlines()
-            if "WARNING" in line or "rror" in line
-        ]
-        raise InputError(
-            f"{lines[0] if lines else 'Sphinx failed'} (all: {executed}/site.log)"
+    if (executed / "00_claims.ipynb").is_file():
+        scales = write_pages(executed, pages, small)
+    else:
+        scales = write_page(executed, pages, small)
+    banner = ""
+    if scales:
+        banner = (
+            f"A reduced run (scale {' and '.join(scales)}): little input, other "
+            "numbers. Cite from make full only."
         )
+    run_sphinx(pages, fresh, executed, banner)
     shutil.copytree(small, fresh / "figures" / "thumbnails")
     for path in paths.figures().iterdir():
         if path.suffix in (".png", ".pdf", ".csv"):
@@ -300,21 +259,33 @@ def build(executed: Path, site: Path) -> None:
     shutil.move(fresh, site)
 
 
+def run_sphinx(pages: Path, fresh: Path, executed: Path, banner: str) -> None:
+    """Run Sphinx; its output goes to site.log, its first warning is raised."""
+    options = ["-q", "-W", "--keep-going", "--no-color", "-j", "auto"]
+    options += ["-D", f"html_theme_options.announcement={banner}", "-c", str(DOCS)]
+    options += ["-d", str(executed / "doctrees")]
+    command = [sys.executable, "-m", "sphinx", *options, pages, fresh]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    (executed / "site.log").write_text(done.stdout + done.stderr)
+    if done.returncode:
+        lines = done.stderr.splitlines()
+        warned = (line for line in lines if re.search("warning|error", line, re.I))
+        first = next(warned, "Sphinx failed")
+        raise InputError(f"{first} (all: {executed}/site.log)")
+
+
 def readme() -> tuple[str, str]:
     """Return README.md with the current results, and figures/README.md."""
     listed, total = chapters()
-    block = render("results.md", chapters=listed, total=total)
-    first = block.splitlines()[0]
-    last = block.splitlines()[-1]
-    found = re.fullmatch(
-        f"(.*){first}.*{last}(.*)", (paths.root() / "README.md").read_text(), re.S
-    )
+    results = render("results.md", chapters=listed, total=total)
+    first, *_, last = results.splitlines()
+    text = (paths.root() / "README.md").read_text()
+    found = re.fullmatch(f"(.*){first}.*{last}(.*)", text, re.S)
     if found is None:
         raise InputError(f"README.md: restore its lines {first!r} and {last!r}.")
     concluded = index.load()["notebooks"]
-    return found[1] + block + found[2], render(
-        "gallery.md", figures=saved(), notebooks=concluded
-    )
+    gallery = render("gallery.md", figures=saved(), notebooks=concluded)
+    return found[1] + results + found[2], gallery
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ seed = 0  # nothing random happens here
 import pandas as pd
 
 from kilnflight.publication import choices, figures, verdicts
-from kilnflight.store import paths
+from kilnflight.store import index, paths
 
 # %% [markdown]
 # ## How a choice is decided
@@ -75,7 +75,7 @@ def in_order(names):
 
 # %%
 columns = {"id": "choice", "quantity": "quantity", "chosen": "ours", "other": "other"}
-compared = pd.DataFrame(choices.compared(), columns=[*columns, "turns", "notebook"])
+compared = pd.DataFrame(index.rows("choices"), columns=[*columns, "turns", "notebook"])
 results = compared[[*columns, "notebook"]].rename(columns=columns)
 results = results.sort_values("choice", key=in_order, kind="stable", ignore_index=True)
 caption = (
@@ -99,7 +99,7 @@ figures.save("choices-results", results, caption=caption, provenance=origin)
 judged = verdicts.collect().set_index("id")
 decided_by = choices.load()["decided_by"]
 rows = {}
-for each in choices.compared():
+for each in index.rows("choices"):
     for claim, both in each["turns"].items():
         ours, _, other = both.partition(" -> ")
         rows[each["id"], claim, other] = {

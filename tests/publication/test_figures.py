@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.publication import claims, figures, style
+from kilnflight.publication import claims, figures, style, verdicts
 from kilnflight.publication.figures import Provenance
 from kilnflight.store import index, paths
 
@@ -90,8 +90,9 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
     figures.conclude("Nothing to test.", [], MADE)  # no such notebook
     kept = {"result": "One line.", "verdicts": [asdict(verdict)], "choices": []}
     assert index.load()["notebooks"] == {"00_claims": kept}
-    with pytest.raises(InputError, match="judged twice"):
-        figures.conclude("One line.", [verdict, verdict], made)
+    figures.conclude("One line.", [verdict, verdict], made)
+    with pytest.raises(InputError, match="00_claims and 00_claims"):
+        verdicts.collect()
 
 
 def test_the_commit_is_the_last_one_that_touched_what_counts(tmp_path, monkeypatch):

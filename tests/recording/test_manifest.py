@@ -224,15 +224,20 @@ BAD = [
     (put("labels", (3, 4), 7), "0010.png"),
     (lambda files: files.write(10, grid=np.ones((23, 32, 3))), "10.mat"),
     (lambda files: files.write(10, labels=np.zeros((23, 32), np.uint8)), "0010.png"),
-    *((lists([row, col, 1.0, 2.0, 4000.0]), "10") for row, col in [(24, 3), (-1e12, 3), (2.5, 3)]),
+    *((lists([row, 3, 1.0, 2.0, 4000.0]), "10") for row in (24, -1e12, 2.5)),
     (lists([5, 6, 1.0, 2.0, 4000.0], [5, 6, 1.0, 2.0, 4000.0]), "frame 10"),
-    (change(None, depth_calibration="zhang-2023", coordinates={"pattern": "near.npy"}), "near.npy"),
+    (change(None, coordinates={"pattern": "near.npy"}), "near.npy"),
     *((change(None, **{key: value}), key) for key, value in {
-        **{"frame_rate_hz": -330.0, "name": 5, "roi": [1, 2, 3], "lance_mm": [1.0, 2.0]},
-        **{"presure": 5, "flame_roi": [8, 2, 3, 9], "depth_calibration": "mine", "rows": 5},
+        **{"frame_rate_hz": -330.0, "name": 5, "roi": [1, 2, 3], "fraction": 5},
+        **{"lance_mm": [1.0, 2.0], "depth_calibration": "mine", "presure": 5},
+        "rows": 5,
     }.items()),
-    (change(None, flame_roi=[8, 9]), "flame_roi"),
+    *((change(None, flame_roi=region), "flame_roi")
+      for region in ([8, 9], [8, 2, 3, 9], [2.5, 8, 3, 9])),
+    (change(None, name="a/b"), "name"),
     (change(None, lance_mm=["a", 2.0, 3.0]), "lance_mm"),
+    (change(None, lance_mm=[]), "lance_mm"),
+    (change(None, roi=[]), "roi"),
     (change(None, roi=[[0], [24, 0], [24, 32]]), "roi"),
     (lambda files: files.entries.pop("frame_rate_hz"), "frame_rate_hz is missing"),
     (lambda files: files.entries.pop("gray"), "gray"),
@@ -241,7 +246,8 @@ BAD = [
     (change("gray", bits=12), "bits"),
     (change("gray", pattern="gray/{frame}.png"), "gray/{frame}.png"),
     (change("gray", pattern=3), "small.toml: [gray] pattern"),
-    *((change("coordinates", invalid=value), "[coordinates] invalid") for value in ([1], True)),
+    *((change("coordinates", invalid=value), "[coordinates] invalid")
+      for value in ([1], True)),
     *((change("labels", classes={120: value}), "small.toml: [labels] classes")
       for value in (2.5, 300, "b", [1])),
     *((change("coordinates", **{key: value}), key) for key, value in {

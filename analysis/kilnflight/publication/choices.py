@@ -1,5 +1,4 @@
-"""Choices that no work prints: load them, compare both values, name the verdicts that
-turn.
+"""Choices that no work prints: both values compared, and the verdicts that turn.
 
 data/reference/choices.csv has one row for each choice: what is not printed, what is
 chosen, what else could be, and what decides. A chapter's notebook computes the result
@@ -11,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import pandas as pd
@@ -19,21 +19,32 @@ from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import index, paths
 
-# What can decide a choice. Sentences and the authors' programs are evidence; the others
-# are not.
+# These decide a choice. Sentences and the authors' programs alone are evidence.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
 UNDECIDED = ("identified", "assumption")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One result with the chosen and with the other value."""
+    """One result with the chosen and with the other value.
+
+    Parameters
+    ----------
+    id
+        Id in data/reference/choices.csv.
+    quantity
+        What is compared, with its unit.
+    chosen, other
+        Both results, at most 60 characters each.
+    turns
+        Both verdicts, by id, of the claims whose verdict differs.
+    """
 
     id: str
-    quantity: str  # with its unit
-    chosen: str  # at most 60 characters, like `other`
+    quantity: str
+    chosen: str
     other: str
-    turns: Mapping[str, str]  # ids of the claims whose verdict differs, both verdicts
+    turns: Mapping[str, str]
 
 
 def load() -> pd.DataFrame:
@@ -83,10 +94,8 @@ def compare(
 
 
 def _short(choice_id: str, value: object) -> str:
-    """Return a result as text; numbers with four digits."""
-    if isinstance(value, float):
-        return "-" if pd.isna(value) else f"{value:.4g}"
-    text = str(value)
+    """Return a result as text, or raise an `InputError` if it is too long."""
+    text = claims.as_text(value)
     if len(text) > claims.MEASURED:
         raise InputError(
             f"choice {choice_id}: {text!r} has {len(text)} characters of "
@@ -114,29 +123,18 @@ def turned(
 def opened(
     verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return verdicts, open where they turn with a choice that neither text nor tools
-    decide.
-    """
+    """Return verdicts, open where they turn with a choice that nothing decides."""
     decided_by = load()["decided_by"]
     turning = set[str]()
     for each in comparisons:
         if decided_by[each["id"]] in UNDECIDED:
-            turning |= set(each["turns"])
+            turning.update(each["turns"])
     rows = []
     for row in verdicts:
         if row["id"] in turning:
-            row = {**row, "verdict": claims.OPEN, "because": "choice"}
+            row = row | {"verdict": claims.OPEN, "because": "choice"}
         rows.append(row)
     return rows
-
-
-def compared() -> list[dict[str, Any]]:
-    """Return the comparisons that all notebooks saved, each with its notebook."""
-    return [
-        {**each, "notebook": stem}
-        for stem, concluded in index.load()["notebooks"].items()
-        for each in concluded.get("choices", [])
-    ]
 
 
 def collect() -> pd.DataFrame:
@@ -150,17 +148,18 @@ def collect() -> pd.DataFrame:
         ``verdicts_that_turn``, ids of claims; ``notebook``. Empty where no notebook
         compared.
     """
-    table = load()
-    texts = {"quantity": "quantity", "result_chosen": "chosen", "result_other": "other"}
-    for column in (*texts, "verdicts_that_turn", "notebook"):
-        table[column] = ""
-    rows = pd.DataFrame(
-        compared(), columns=["id", *texts.values(), "turns", "notebook"]
+    names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
+    by_choice = pd.DataFrame(index.rows("choices"), columns=names).groupby("id")
+    results = by_choice.agg(
+        quantity=("quantity", "; ".join),
+        result_chosen=("chosen", "; ".join),
+        result_other=("other", "; ".join),
+        verdicts_that_turn=("turns", lambda turns: _once(chain(*turns))),
+        notebook=("notebook", _once),
     )
-    for choice_id, part in rows.groupby("id"):
-        for column, name in texts.items():
-            table.loc[choice_id, column] = "; ".join(part[name])
-        turning = dict.fromkeys(claim for turns in part["turns"] for claim in turns)
-        table.loc[choice_id, "verdicts_that_turn"] = " ".join(turning)
-        table.loc[choice_id, "notebook"] = " ".join(dict.fromkeys(part["notebook"]))
-    return table.reset_index()
+    return load().join(results).fillna("").reset_index()
+
+
+def _once(names: Iterable[str]) -> str:
+    """Return names in one text, each once."""
+    return " ".join(dict.fromkeys(names))

@@ -9,7 +9,6 @@ saved: `check`. The rules of a verdict stand in docs/limits.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,25 +20,41 @@ REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 OPEN = "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
-# Why a claim is not reproduced: the work's method or statement fails, ours differs or
-# may, a choice that nothing decides, an input of the simulation, other recordings, a
-# misprint.
+# A claim is not reproduced because the work's method or statement fails, ours differs,
+# nothing decides a choice, the simulation has another input, the recordings are other
+# ones, or the work has a misprint.
 CAUSES = ("work", "implementation", "choice", "twin", "data", "misprint")
-MEASURED = 60
-REASON = 160  # characters
+MEASURED = 60  # most characters
+REASON = 160
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one claim; a row of figures/claims.csv."""
+    """Verdict on one claim; a row of figures/claims.csv.
+
+    Parameters
+    ----------
+    id
+        Id in data/reference/claims.csv.
+    verdict
+        One of `VERDICTS`.
+    because
+        One of `CAUSES` if it is not reproduced; ``"choice"`` if that leaves it open;
+        else empty.
+    measured
+        Our result, at most `MEASURED` characters.
+    published
+        Sentence of the claim.
+    reason
+        One sentence, at most `REASON` characters.
+    """
 
     id: str
-    verdict: str  # one of `VERDICTS`
-    # one of `CAUSES` if it is not reproduced; "choice" if that leaves it open; else ""
+    verdict: str
     because: str
-    measured: str  # at most 60 characters
-    published: str  # sentence of the claim
-    reason: str = ""  # one sentence
+    measured: str
+    published: str
+    reason: str = ""
 
 
 def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
@@ -59,14 +74,12 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     """
     folder = paths.reference() / "published"
     path = folder / f"{name}.csv"
-    if Path(name).name != name or not path.is_file():
+    if not path.is_file():
         names = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
         raise InputError(f"no published table {name!r}; there are {names}.")
-    return (
-        pd.read_csv(path, dtype=str, keep_default_na=False)
-        if as_printed
-        else pd.read_csv(path)
-    )
+    if as_printed:
+        return pd.read_csv(path, dtype=str, keep_default_na=False)
+    return pd.read_csv(path)
 
 
 def load() -> pd.DataFrame:
@@ -109,28 +122,48 @@ def check(
         raise InputError(
             f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters."
         )
-    if isinstance(measured, pd.Series):
-        measured = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
-    text = (
-        f"{measured:.4g}".replace("nan", "-")
-        if isinstance(measured, float)
-        else str(measured)
-    )
-    short = text if len(text) <= MEASURED else text[: MEASURED - 3] + "..."
-    verdict = OPEN if holds is None else REPRODUCED if holds else NOT_REPRODUCED
-    cause = (
-        str(claims["cause"].fillna("")[claim_id]) if verdict == NOT_REPRODUCED else ""
-    )
+    verdict = REPRODUCED
+    cause = ""
+    if holds is None:
+        verdict = OPEN
+    elif not holds:
+        verdict = NOT_REPRODUCED
+        cause = claims["cause"].fillna("")[claim_id]
+    text = as_text(measured)
+    if len(text) > MEASURED:
+        text = f"{text[: MEASURED - 3]}..."
     return Verdict(
-        claim_id, verdict, cause, short, str(claims.loc[claim_id, "sentence"]), reason
+        id=claim_id,
+        verdict=verdict,
+        because=cause,
+        measured=text,
+        published=claims["sentence"][claim_id],
+        reason=reason,
     )
+
+
+def as_text(value: object) -> str:
+    """Return a result as text; numbers have four digits, NaN is "-".
+
+    Examples
+    --------
+    >>> as_text(0.123456), as_text(pd.Series({"f1": 0.9})), as_text("none")
+    ('0.1235', 'f1 0.9', 'none')
+    """
+    if isinstance(value, pd.Series):
+        return ", ".join(f"{name} {number:.4g}" for name, number in value.items())
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("nan", "-")
+    return str(value)
 
 
 def all_of(*answers: bool | None) -> bool | None:
     """Return whether all answers are True; None if one is None and none False."""
     if any(answer is not None and not answer for answer in answers):
         return False
-    return None if None in answers else True
+    if None in answers:
+        return None
+    return True
 
 
 def beyond(low: float, high: float) -> bool | None:
@@ -138,13 +171,15 @@ def beyond(low: float, high: float) -> bool | None:
 
     A claimed order holds beyond chance if the interval of the difference lies above 0.
     """
-    return True if low > 0 else False if high < 0 else None
+    if low > 0:
+        return True
+    if high < 0:
+        return False
+    return None
 
 
 def above(draws: pd.Series) -> bool | None:
-    """Return whether draws of a difference lie above 0 (95 %); None (open) if not all
-    on a side.
-    """
+    """Return whether 95 % of the draws of a difference lie above 0; None: open."""
     return beyond(*draws.quantile([0.025, 0.975]))
 
 
@@ -153,8 +188,9 @@ def within(low: float, high: float, least: float, most: float) -> bool | None:
 
     Examples
     --------
-    >>> within(0.2, 0.3, 0.1, 0.4), within(0.2, 0.5, 0.1, 0.4), within(0.5, 0.6, 0.1, 0.4)
-    (True, None, False)
+    >>> ends = ((0.2, 0.3), (0.2, 0.5), (0.5, 0.6))
+    >>> [within(low, high, 0.1, 0.4) for low, high in ends]
+    [True, None, False]
     """
     return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
 

@@ -32,9 +32,8 @@ BELT_DEM = {
     "cuboids": "DEM_cuboids_115.zip",
     "cylinders": "DEM_Cylinder_115.zip",
 }
-RECORDINGS_FOLDER = (
-    "belt_recordings"  # Kugeln (spheres), Weizen (wheat), Zylinder (cylinders)
-)
+# Kugeln are spheres, Weizen is wheat, Zylinder are cylinders.
+RECORDINGS_FOLDER = "belt_recordings"
 RECORDINGS = tuple(name for name in SHA256 if name.startswith(RECORDINGS_FOLDER))
 FOLDERS = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS")
 
@@ -64,8 +63,9 @@ def check(path: Path, name: str) -> None:
     counts.
     """
     content = path.read_bytes()
-    with suppress(OSError, EOFError, zlib.error):  # damaged: its checksum is wrong
-        content = gzip.decompress(content) if path.suffix == ".gz" else content
+    if path.suffix == ".gz":
+        with suppress(OSError, EOFError, zlib.error):  # damaged: its checksum is wrong
+            content = gzip.decompress(content)
     if hashlib.sha256(content).hexdigest() != SHA256[name]:
         raise InputError(
             f"{path}: damaged or another version (SHA-256). Delete it: make data."
@@ -102,10 +102,11 @@ def main(arguments: Sequence[str]) -> int:
     With ``--optional`` a missing network is no error. Recordings are not fetched if the
     user names a folder in one of `FOLDERS`.
     """
-    # a folder that the user sets is used as it is
-    recordings = () if any(map(os.environ.get, FOLDERS)) else RECORDINGS
+    recordings = RECORDINGS
+    if any(map(os.environ.get, FOLDERS)):  # the user's folder is used as it is
+        recordings = ()
     told = f"have {len(BELT_DEM)} DEM tracks and {len(recordings)} recordings"
-    good = True
+    code = 0
     try:
         for name in (*BELT_DEM.values(), *recordings):
             fetch(name)
@@ -114,12 +115,12 @@ def main(arguments: Sequence[str]) -> int:
             f"{name} cannot be fetched. Our own simulation stands in; or set "
             f"{FOLDERS[0]}."
         )
-        good = "--optional" in arguments
+        code = int("--optional" not in arguments)
     except ValueError as error:
         told = f"{name}: {error}"
-        good = False
-    print(f"authors' data: {told}", file=sys.stdout if good else sys.stderr)
-    return 0 if good else 1
+        code = 1
+    print(f"authors' data: {told}", file=sys.stderr if code else sys.stdout)
+    return code
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""Figures and tables saved with their caption and provenance; what each notebook
-concludes.
+"""Figures and tables, saved with caption and provenance; results of notebooks.
 
 `save` writes ``<id>.csv`` and, of a picture, ``<id>.png`` (full scale: also
 ``<id>.pdf``, not tracked). Captions, provenance and verdicts of a folder stand in its
@@ -19,7 +18,6 @@ import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,11 +35,10 @@ from kilnflight.publication.style import mark, style
 from kilnflight.store import index, paths
 
 PNG_DPI = 300
-DRAFT_DPI = 150  # of a reduced run, whose figures are not to be cited
+DRAFT_DPI = 150  # a reduced run's figures are not to be cited
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST_PNG = 300_000  # bytes
-# Share of the resolution and number of colours: tried in turn until a PNG is small
-# enough
+# Shares of the resolution and numbers of colours, tried until a PNG is small enough.
 REDUCTIONS = ((1.0, 256), (0.8, 128), (0.64, 64), (0.5, 64), (0.4, 32))
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = (
@@ -55,15 +52,33 @@ SOURCES = (
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a figure comes from; stored in index.json and in the picture."""
+    """Where a figure comes from; stored in index.json and in the picture.
 
-    notebook: str  # stem
+    Parameters
+    ----------
+    notebook
+        Stem of the notebook.
+    parameters
+        Values of its parameters cell.
+    seed
+        Seed of every random draw, if there is any.
+    inputs
+        SHA-256 of each file that was read, by name.
+    version
+        Version of kilnflight.
+    commit
+        Last commit on `SOURCES`; empty without git.
+    mark
+        Kind of data; it stands inside each picture.
+    """
+
+    notebook: str
     parameters: Mapping[str, object] = field(default_factory=dict)
     seed: int | None = None
-    inputs: Mapping[str, str] = field(default_factory=dict)  # name -> SHA-256
+    inputs: Mapping[str, str] = field(default_factory=dict)
     version: str = __version__
-    commit: str = ""  # of the sources; "" without git
-    mark: str = "simulated"  # stands inside each picture
+    commit: str = ""
+    mark: str = "simulated"
 
 
 def trace(
@@ -93,7 +108,12 @@ def trace(
         path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs
     }
     return Provenance(
-        notebook, dict(parameters), seed, checksums, __version__, _commit(), mark
+        notebook=notebook,
+        parameters=dict(parameters),
+        seed=seed,
+        inputs=checksums,
+        commit=_commit(),
+        mark=mark,
     )
 
 
@@ -102,21 +122,25 @@ def _commit() -> str:
 
     Other files do not change a result, so their commits do not count.
     """
-    options: dict[str, Any] = {
-        "cwd": paths.root(),
-        "capture_output": True,
-        "text": True,
-    }
     try:
-        commit, changes = (
-            subprocess.run(
-                ["git", *command, "--", *SOURCES], check=False, **options
-            ).stdout.strip()
-            for command in (("log", "-1", "--format=%H"), ("status", "--porcelain"))
-        )
+        commit = _git("log", "-1", "--format=%H")
+        changes = _git("status", "--porcelain")
     except FileNotFoundError:  # no git on this machine: the version must do
         return ""
-    return f"{commit}+changes" if commit and changes else str(commit)
+    if commit and changes:
+        commit += "+changes"
+    return commit
+
+
+def _git(*command: str) -> str:
+    done = subprocess.run(
+        ["git", *command, "--", *SOURCES],
+        cwd=paths.root(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.strip()
 
 
 def save(
@@ -157,10 +181,8 @@ def save(
         raise InputError(
             f"figure {identifier!r}: write lower-case-words as its id, and a caption."
         )
-    if (
-        not len(table.columns)
-        or np.isinf(table.select_dtypes("number").to_numpy(float)).any()
-    ):
+    numbers = table.select_dtypes("number").to_numpy(float)
+    if not len(table.columns) or np.isinf(numbers).any():
         raise InputError(
             f"figure {identifier}: its table has no columns or holds an infinity."
         )
@@ -169,24 +191,21 @@ def save(
     )
     text = short.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode()}
+    words = html.escape(caption)
+    entry = {"caption": caption, "provenance": asdict(provenance), "kind": "table"}
     if picture is None:
         body = table.to_html(
             index=False, na_rep="", float_format="{:.5g}".format, border=0
         )
     else:
-        pictures = _drawn(
-            mark(picture, provenance.mark), identifier, caption, provenance
-        )
-        contents |= pictures
-        coded = base64.b64encode(pictures[f"{identifier}.png"]).decode()
-        body = (
-            f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{coded}"/>'
-        )
-    entry: dict[str, Any] = {"caption": caption, "provenance": asdict(provenance)}
-    entry["kind"] = "table" if picture is None else "picture"
+        entry["kind"] = "picture"
+        mark(picture, provenance.mark)
+        contents |= _drawn(picture, identifier, caption, provenance)
+        coded = base64.b64encode(contents[f"{identifier}.png"]).decode()
+        body = f'<img alt="{words}" src="data:image/png;base64,{coded}"/>'
     index.write(contents, "figures", identifier, entry)
-    words = f"<figcaption><code>{identifier}</code> {html.escape(caption)}</figcaption>"
-    return HTML(f"<figure id='{identifier}'>{body}{words}</figure>")
+    below = f"<figcaption><code>{identifier}</code> {words}</figcaption>"
+    return HTML(f"<figure id='{identifier}'>{body}{below}</figure>")
 
 
 def conclude(
@@ -195,8 +214,7 @@ def conclude(
     provenance: Provenance,
     choices: Iterable[unprinted.Comparison] = (),
 ) -> HTML:
-    """Save a notebook's result, its verdicts and its choices; the last call of every
-    notebook.
+    """Save a notebook's result, verdicts and choices; the last call of a notebook.
 
     Parameters
     ----------
@@ -212,74 +230,73 @@ def conclude(
     """
     compared = [asdict(each) for each in choices]
     rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
-    if len({row["id"] for row in rows}) < len(rows):
-        raise InputError(
-            f"{provenance.notebook}: a claim is judged twice; judge it once."
-        )
-    result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
+    result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
-    shown = pd.DataFrame(
-        rows, columns=["id", "verdict", "because", "measured", "reason"]
-    )
-    table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
-    return HTML(
-        "<div "
-        f"class='concluded'><p>{html.escape(result)}</p>{table}{_beside(compared)}</div>"
-    )
-
-
-def _beside(compared: list[dict[str, Any]]) -> str:
-    """Return the results with both values of each choice as HTML."""
-    if not compared:
-        return ""
-    rows = pd.DataFrame(compared)
-    rows["turns"] = rows["turns"].map(" ".join)
-    rows.columns = ["choice", "quantity", "ours", "other value", "verdicts that turn"]
-    text = rows.to_html(index=False, border=0)
-    return (
-        "<p>What no work prints (notebook 01), with ours and with the other "
-        f"value:</p>{text}"
-    )
+    body = f"<p>{html.escape(result)}</p>"
+    if rows:
+        names = ["id", "verdict", "because", "measured", "reason"]
+        body += pd.DataFrame(rows)[names].to_html(index=False, border=0)
+    else:
+        body += "No claim is tested here."
+    if compared:
+        table = pd.DataFrame(compared)
+        table["turns"] = table["turns"].map(" ".join)
+        table.columns = [
+            "choice",
+            "quantity",
+            "ours",
+            "other value",
+            "verdicts that turn",
+        ]
+        body += (
+            "<p>What no work prints (notebook 01), with ours and the other value:</p>"
+        )
+        body += table.to_html(index=False, border=0)
+    return HTML(f"<div class='concluded'>{body}</div>")
 
 
 def _drawn(
     picture: Figure, identifier: str, caption: str, provenance: Provenance
 ) -> dict[str, bytes]:
-    """Return the bytes of a picture by file name: PNG and, at full scale, PDF.
-
-    Resolution and colours fall until the PNG has at most `LARGEST_PNG` bytes. The
-    picture is closed.
-    """
+    """Draw a picture as PNG and, at full scale, PDF; return them by file name."""
     record = json.dumps(asdict(provenance), sort_keys=True, default=str)
     software = f"kilnflight {provenance.version}"
     draft = provenance.parameters.get("scale", "full") != "full"
-    info = PngInfo()
-    png = io.BytesIO()
-    pdf = io.BytesIO()
-    texts = {"Title": identifier, "Description": caption, "Software": software}
-    for name, text in {**texts, "Provenance": record}.items():
-        info.add_text(name, text)
+    about = {"Title": identifier, "Description": caption, "Software": software}
+    files = {}
     with style():
-        for share, colours in REDUCTIONS:
-            drawn = io.BytesIO()
-            png = io.BytesIO()
-            dpi = share * (DRAFT_DPI if draft else PNG_DPI)
-            picture.savefig(drawn, format="png", dpi=dpi)
-            few = (
-                Image.open(drawn)
-                .convert("RGB")
-                .quantize(colours, dither=Image.Dither.NONE)
-            )
-            few.save(png, "PNG", optimize=not draft, dpi=(dpi, dpi), pnginfo=info)
-            if png.tell() <= LARGEST_PNG:
-                break
+        files[f"{identifier}.png"] = _png(
+            picture, about | {"Provenance": record}, draft
+        )
         if not draft:
-            about = {"Title": identifier, "Subject": caption, "Keywords": record}
-            metadata = {**about, "Creator": software, "CreationDate": None}
+            pdf = io.BytesIO()
+            metadata = {
+                "Title": identifier,
+                "Subject": caption,
+                "Keywords": record,
+                "Creator": software,
+                "CreationDate": None,  # the same input gives the same bytes
+            }
             picture.savefig(pdf, format="pdf", metadata=metadata)
+            files[f"{identifier}.pdf"] = pdf.getvalue()
     plt.close(picture)
-    files = {"png": png.getvalue(), "pdf": pdf.getvalue()}
-    return {
-        f"{identifier}.{kind}": content for kind, content in files.items() if content
-    }
+    return files
+
+
+def _png(picture: Figure, texts: Mapping[str, str], draft: bool) -> bytes:
+    """Draw a PNG; resolution and colours fall until it has `LARGEST_PNG` bytes."""
+    info = PngInfo()
+    for name, text in texts.items():
+        info.add_text(name, text)
+    for share, colours in REDUCTIONS:
+        dpi = share * (DRAFT_DPI if draft else PNG_DPI)
+        drawn = io.BytesIO()
+        picture.savefig(drawn, format="png", dpi=dpi)
+        image = Image.open(drawn).convert("RGB")
+        few = image.quantize(colours, dither=Image.Dither.NONE)
+        png = io.BytesIO()
+        few.save(png, "PNG", optimize=not draft, dpi=(dpi, dpi), pnginfo=info)
+        if png.tell() <= LARGEST_PNG:
+            break
+    return png.getvalue()

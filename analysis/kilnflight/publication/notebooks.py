@@ -1,4 +1,4 @@
-"""Execution of a notebook's text (jupytext percent); of a failure it prints one line.
+"""Execute the text of a notebook (jupytext percent); a failure is printed in one line.
 
     notebooks/NN_name.py -> build/SCALE/NN_name.ipynb
 
@@ -32,13 +32,16 @@ from kilnflight.store.cache import write_whole
 from kilnflight.store.paths import NOTEBOOK, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
-# The parameters cell, and name=value or NN.name=value.
-CELL = re.compile(r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S)
-NAMED = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")
-# no traceback of an interruption; bars of long work go to the terminal
-QUIET = ["--IPKernelApp.log_level=CRITICAL", "--IPKernelApp.capture_fd_output=False"]
-# nor what asyncio and tornado log of tasks and sockets that are left when a kernel ends
-QUIET.append("--IPKernelApp.exec_lines=__import__('logging').disable()")
+PARAMETERS_CELL = re.compile(
+    r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S
+)
+GIVEN = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")  # name=value, NN.name=value
+QUIET = [
+    "--IPKernelApp.log_level=CRITICAL",  # no traceback of an interruption
+    "--IPKernelApp.capture_fd_output=False",  # bars of long work go to the terminal
+    # asyncio and tornado log tasks and sockets that are left when a kernel ends
+    "--IPKernelApp.exec_lines=__import__('logging').disable()",
+]
 
 
 def known_parameters(path: Path) -> dict[str, object]:
@@ -47,7 +50,7 @@ def known_parameters(path: Path) -> dict[str, object]:
     The cell assigns Python literals only. Raises an `InputError` if no cell has that
     tag.
     """
-    cell = CELL.search(path.read_text("utf-8"))
+    cell = PARAMETERS_CELL.search(path.read_text("utf-8"))
     if cell is None:
         raise InputError(
             f'{path}: no cell is tagged parameters; add # %% tags=["parameters"].'
@@ -80,21 +83,22 @@ def parse_parameters(
 
     Examples
     --------
-    >>> notebooks = ["02_depth_calibration", "40_belt_arrival"]
-    >>> parse_parameters(["seed=3", "02.points=50", "40.draws=9"], notebooks[0], notebooks)
+    >>> items = ["seed=3", "02.points=50", "40.draws=9"]
+    >>> parse_parameters(items, "02_depth", ["02_depth", "40_belt"])
     {'seed': 3, 'points': 50}
     """
     values: dict[str, object] = {}
     for item in items:
-        found = NAMED.fullmatch(item)
+        found = GIVEN.fullmatch(item)
         if not found or found[1] not in {None, *(name[:2] for name in stems)}:
             raise InputError(
                 f"parameter {item!r}: write name=value, or NN.name=value for one."
             )
-        if found[1] in (None, stem[:2]):
-            values[found[2]] = found[3]
+        number, name, value = found.groups()
+        if number in (None, stem[:2]):
+            values[name] = value
             with suppress(ValueError, SyntaxError):
-                values[found[2]] = ast.literal_eval(found[3])
+                values[name] = ast.literal_eval(value)
     return values
 
 
@@ -110,11 +114,12 @@ def check_parameters(
         if name not in known:
             told = f"{stem}: unknown parameter {name!r}; it knows {', '.join(known)}."
             raise InputError(f"{told} For one notebook only, write NN.name=value.")
-        kinds = (int, float) if isinstance(known[name], float) else (type(known[name]),)
-        if type(value) not in kinds:
-            wanted = f"{kinds[-1].__name__} (the default is {known[name]!r})"
+        default = known[name]
+        kind = type(default)
+        if type(value) is not kind and (type(value), kind) != (int, float):
             raise InputError(
-                f"{stem}: parameter {name} is {value!r}, expected {wanted}."
+                f"{stem}: parameter {name} is {value!r}, expected {kind.__name__} "
+                f"(the default is {default!r})."
             )
     if given.get("scale", SCALES[0]) not in SCALES:
         raise InputError(
@@ -143,43 +148,46 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
         If a cell fails; what ran stays as ``<stem>.failed.ipynb``.
     """
     stem = source.stem
-    # quick: a process takes longer to start than its share of the work; full: make runs
-    # others
+    # At scale quick a process takes longer to start than its share of the work; at full
+    # make runs other notebooks beside this one.
     if given.get("scale") in ("quick", "full") and "jobs" in known_parameters(source):
         given = {"jobs": 1, **given}
     build.mkdir(parents=True, exist_ok=True)
-    whole = build / f"{stem}.ipynb"
     failed = build / f"{stem}.failed.ipynb"
-    # not in TMPDIR: the path of a socket has at most 107 characters
+    # TMPDIR may be too long: the path of a socket has at most 107 characters.
     with tempfile.TemporaryDirectory(prefix="kilnflight-", dir="/tmp") as folder:
-        partial = Path(folder, whole.name)
+        executed = Path(folder, "executed.ipynb")
         saved = Path(folder, "saved")
         os.environ |= {SAVED_LIST: str(saved), NOTEBOOK: stem}
-        # joblib's workers outlive their kernel for a moment, and what they held is
-        # cleaned up
-        os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
-        # kernels that start together may pick the same TCP port: sockets of its own
-        config = Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/k"}})
-        python = {
-            "kernel_name": "python3",
-            "language": "python",
-            "extra_arguments": QUIET,
-        }
         try:
-            text = jupytext.read(source)
-            run_with = {"progress_bar": False, "config": config}
-            papermill.execute_notebook(
-                text, str(partial), dict(given), **run_with, **python
-            )
+            _execute(source, executed, given)
         except PapermillExecutionError:
-            write_whole(failed, partial.read_bytes())
+            write_whole(failed, executed.read_bytes())
             raise
         finally:
             del os.environ[SAVED_LIST], os.environ[NOTEBOOK]
         failed.unlink(missing_ok=True)
         if saved.is_file():
             write_whole(build / f"{stem}.saved", saved.read_bytes())
-        write_whole(whole, partial.read_bytes())
+        write_whole(build / f"{stem}.ipynb", executed.read_bytes())
+
+
+def _execute(source: Path, executed: Path, given: Mapping[str, object]) -> None:
+    """Execute a notebook with papermill, in a kernel of its own."""
+    # joblib's workers outlive their kernel for a moment; what they held is cleaned up.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
+    # Kernels that start together may choose the same TCP port, but not the same socket.
+    sockets = {"transport": "ipc", "ip": str(executed.with_name("k"))}
+    papermill.execute_notebook(
+        jupytext.read(source),
+        str(executed),
+        dict(given),
+        kernel_name="python3",
+        language="python",
+        progress_bar=False,
+        extra_arguments=QUIET,
+        config=Config({"KernelManager": sockets}),
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -196,50 +204,52 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "-p", "--parameter", action="append", default=[], metavar="name=value"
     )
     options = parser.parse_args(arguments)
-    # on any signal clean up as after Ctrl-C
+    # Any signal cleans up as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     logging.disable()  # failures are reported below, in one line
     warnings.simplefilter("ignore", DeprecationWarning)  # papermill's own
     stem = options.source.stem
     started = time.monotonic()
     try:
-        paths = {*options.source.parent.glob("[0-9][0-9]_*.py"), options.source}
-        stems = [path.stem for path in paths]
-        for path in sorted(paths):  # all before any runs
-            given = parse_parameters(options.parameter, path.stem, stems)
-            check_parameters(path.stem, known_parameters(path), given)
-        given = parse_parameters(options.parameter, stem, stems)
+        given = _given_parameters(options.source, options.parameter)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
-        print(
-            f"{stem}: running ({shown})\n", end="", flush=True
-        )  # one piece: lines stay whole
+        # One piece, so that lines of parallel notebooks stay whole.
+        print(f"{stem}: running ({shown})\n", end="", flush=True)
         run(options.source, options.build, given)
     except (InputError, OSError) as error:
         told = str(error)
         code = 1
     except PapermillExecutionError as error:
-        first = next((line for line in error.source.splitlines() if line.strip()), "")
+        lines = (line for line in error.source.splitlines() if line.strip())
         told = (
-            f"cell {error.cell_index + 1} ({first}) failed: {error.ename}: "
-            f"{error.evalue}"
+            f"cell {error.cell_index + 1} ({next(lines, '')}) failed: {error.ename}: "
+            f"{error.evalue} (executed so far: {options.build / stem}.failed.ipynb)"
         )
-        told = f"{told} (executed so far: {options.build / stem}.failed.ipynb)"
         code = 1
-    except (KeyboardInterrupt, RuntimeError) as error:
-        why = (
-            ""
-            if isinstance(error, KeyboardInterrupt)
-            else " (its kernel was killed or died)"
-        )
-        told = f"interrupted{why}; the same make goes on from here"
+    except KeyboardInterrupt:
+        told = "interrupted; the same make goes on from here"
+        code = 130
+    except RuntimeError:
+        told = "interrupted (its kernel died); the same make goes on from here"
         code = 130
     else:
-        print(
-            f"{stem}: done in {time.monotonic() - started:.0f} s\n", end="", flush=True
-        )
+        seconds = time.monotonic() - started
+        print(f"{stem}: done in {seconds:.0f} s\n", end="", flush=True)
         return 0
-    print(told if re.match(r"\d\d_\w+: ", told) else f"{stem}: {told}", file=sys.stderr)
+    if not re.match(r"\d\d_\w+: ", told):  # an error may name another notebook
+        told = f"{stem}: {told}"
+    print(told, file=sys.stderr)
     return code
+
+
+def _given_parameters(source: Path, items: Sequence[str]) -> dict[str, object]:
+    """Return the parameters of a notebook, checked for all notebooks beside it."""
+    every = {*source.parent.glob("[0-9][0-9]_*.py"), source}
+    stems = [path.stem for path in every]
+    for path in sorted(every):
+        given = parse_parameters(items, path.stem, stems)
+        check_parameters(path.stem, known_parameters(path), given)
+    return parse_parameters(items, source.stem, stems)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,4 @@
-"""The look of all figures: one style, print size, readable in grey and by the
-colour-blind.
-"""
+"""The look of all figures: one style, print size, readable without colours."""
 
 from __future__ import annotations
 
@@ -25,6 +23,7 @@ from matplotlib.patches import Circle
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
 MARK_MM = 3.0  # height of the strip below a picture that holds the word of `mark`
+MM_PER_INCH = 25.4
 
 # Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
 # lightness; with line style and marker they stay apart in grey.
@@ -35,15 +34,32 @@ HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
 # What a work prints has one look in all pictures; an interval of it is a bar.
 PUBLISHED: dict[str, Any] = {
-    "marker": "D", "color": COLOURS[1], "mec": "black", "mew": 0.5, "ms": 4.5, "ls": "none",
-    "zorder": 3, "label": "published",
-}  # fmt: skip
+    "marker": "D",
+    "color": COLOURS[1],
+    "mec": "black",
+    "mew": 0.5,
+    "ms": 4.5,
+    "ls": "none",
+    "zorder": 3,
+    "label": "published",
+}
 PUBLISHED_BAR: dict[str, Any] = {
-    "color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3, "label": "published"
-}  # fmt: skip
+    "color": COLOURS[1],
+    "lw": 3,
+    "alpha": 0.6,
+    "ls": "-",
+    "zorder": 3,
+    "label": "published",
+}
 
 THIN: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
-BOXES: dict[str, Any] = {  # of `Axes.boxplot` and `Axes.bxp`
+THIN_BOX = {
+    "facecolor": "0.9",
+    "edgecolor": "black",
+    "linewidth": 0.7,
+    "linestyle": "-",
+}
+BOXES: dict[str, Any] = {  # arguments of `Axes.boxplot` and `Axes.bxp`
     "manage_ticks": False,
     "patch_artist": True,
     "medianprops": {"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},
@@ -90,7 +106,7 @@ def canvas(
         Arguments of `matplotlib.pyplot.subplots` (``sharex``, ``sharey`` ...).
     """
     with style():
-        size = (width_mm / 25.4, height_mm / 25.4)
+        size = (width_mm / MM_PER_INCH, height_mm / MM_PER_INCH)
         picture, grid = plt.subplots(
             rows,
             columns,
@@ -109,15 +125,14 @@ def mark(picture: Figure, word: str) -> Figure:
     ``word`` is such as "simulated"; if empty, nothing is written. With a constrained
     layout, as `canvas` sets it, axes and legends stay above that strip of `MARK_MM`.
     """
-    strip = MARK_MM / 25.4 / picture.get_figheight()
+    strip = MARK_MM / MM_PER_INCH / picture.get_figheight()
     engine = picture.get_layout_engine()
     if word and isinstance(engine, ConstrainedLayoutEngine):
         engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
+        points = MARK_MM / MM_PER_INCH * 72
         for legend in picture.legends:
-            if getattr(legend, "_outside_loc", None) == "lower":
-                legend.borderaxespad += (
-                    MARK_MM / 25.4 * 72 / legend.prop.get_size_in_points()
-                )
+            if getattr(legend, "_outside_loc", None) == "lower":  # it keeps its place
+                legend.borderaxespad += points / legend.prop.get_size_in_points()
     picture.text(
         0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35"
     )
@@ -140,11 +155,8 @@ def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None
         incomplete blocks at the right and at the bottom are cut off.
     """
     rows, cols = (length - length % step for length in gray.shape)
-    blocks = (
-        gray[:rows, :cols]
-        .astype(np.float64)
-        .reshape(rows // step, step, cols // step, step)
-    )
+    whole = gray[:rows, :cols].astype(np.float64)
+    blocks = whole.reshape(rows // step, step, cols // step, step)
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     axes.imshow(np.sqrt(blocks.mean(axis=(1, 3))), cmap="gray", extent=extent)
     axes.set(xlabel="column (px)", ylabel="row (px)")
@@ -159,26 +171,24 @@ def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None
 
 
 def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
-    """Draw tracks as lines of one colour, or each in another colour and with another
-    marker.
+    """Draw tracks as lines of one colour, or each in another one.
 
     ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
     """
     tracks = table.sort_values(["particle", "frame"]).groupby("particle")
-    few = COLOURS[1:]
-    for k, (_, track) in enumerate(
-        tracks
-    ):  # black is not seen on a frame, many markers hide it
-        color = colour or few[k % len(few)]
-        marker = MARKERS[k % len(MARKERS)][: len(tracks) < 200]
+    visible = COLOURS[1:]  # black is not seen on a frame
+    markers: tuple[str, ...] = MARKERS
+    if len(tracks) >= 200:  # they would hide the frame
+        markers = ("",)
+    for k, (_, track) in enumerate(tracks):
         axes.plot(
             track["col"],
             track["row"],
             ls="-",
             lw=0.6,
             ms=1.6,
-            color=color,
-            marker=marker,
+            color=colour or visible[k % len(visible)],
+            marker=markers[k % len(markers)],
         )
 
 
@@ -195,28 +205,27 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
     """
-    parts = ["whislo", "q1", "med", "q3", "whishi"]
-    names = ["whisker_low", "q25", "median", "q75", "whisker_high"]
-    values = summary[names].to_numpy(np.float64)
-    rows: list[dict[str, Any]] = [dict(zip(parts, row, strict=True)) for row in values]
-    face = {
-        "facecolor": "0.9",
-        "edgecolor": "black",
-        "linewidth": 0.7,
-        "linestyle": "-",
+    names = {
+        "whisker_low": "whislo",
+        "q25": "q1",
+        "median": "med",
+        "q75": "q3",
+        "whisker_high": "whishi",
     }
-    options = {"widths": 0.55, "showfliers": False, "boxprops": face, **BOXES}
-    axes.bxp(rows, positions=np.arange(len(rows)), **options)
+    table = summary[[*names]].rename(columns=names)
+    boxes: Any = table.to_dict("records")
+    axes.bxp(
+        boxes,
+        positions=np.arange(len(boxes)),
+        widths=0.55,
+        showfliers=False,
+        boxprops=THIN_BOX,
+        **BOXES,
+    )
     axes.margins(y=0.12)
-    for i, row in enumerate(rows):
-        axes.text(
-            i,
-            row["whishi"],
-            f"{row['q3'] - row['q1']:.2g}",
-            fontsize=6,
-            ha="center",
-            va="bottom",
-        )
+    for i, box in enumerate(boxes):
+        width = f"{box['q3'] - box['q1']:.2g}"
+        axes.text(i, box["whishi"], width, fontsize=6, ha="center", va="bottom")
 
 
 def words(name: str) -> str:

@@ -26,19 +26,14 @@ def collect() -> pd.DataFrame:
         If two notebooks judge the same claim.
     """
     known = claims.load()
-    concluded = index.load()["notebooks"].items()
-    rows = [
-        {**row, "notebook": stem}
-        for stem, each in concluded
-        for row in each["verdicts"]
-    ]
-    rows = choices.opened(rows, choices.compared())
+    rows = choices.opened(index.rows("verdicts"), index.rows("choices"))
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
     judged = pd.DataFrame(rows, columns=names).set_index("id")
-    for claim_id in judged.index[judged.index.duplicated()]:
-        by = " and ".join(judged.loc[claim_id, "notebook"])
+    twice = judged.index[judged.index.duplicated()]
+    if len(twice):
+        by = " and ".join(judged["notebook"][twice[0]])
         raise InputError(
-            f"claim {claim_id} is judged by {by}; leave it to one notebook."
+            f"claim {twice[0]} is judged by {by}; leave it to one notebook."
         )
     table = judged.reindex(known.index).assign(published=known["sentence"])
     return table.fillna({"verdict": claims.OPEN}).fillna("").reset_index()

@@ -1,3 +1,1 @@
-"""Recordings: frames of a plenoptic camera or a film, on disk and imported; tables of
-tracks.
-"""
+"""Recordings on disk, in films and in memory; tables of detections and tracks."""

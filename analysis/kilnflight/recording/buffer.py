@@ -37,9 +37,11 @@ class FrameBuffer:
 
     def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
         """Return the grey values (rows, cols) of frame ``t``."""
-        gray = self._fetch(t).gray if self._uses[t] else self._recording.gray(t)
-        view = gray.view()
-        view.flags.writeable = False  # so a background model may hold it without a copy
+        if self._uses[t]:
+            view = self._fetch(t).gray.view()
+        else:
+            view = self._recording.gray(t).view()
+        view.flags.writeable = False  # a background model holds it without a copy
         return view
 
     def take(self, t: int) -> Frame:

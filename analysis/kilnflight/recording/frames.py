@@ -56,6 +56,12 @@ class Frame:
         the depth calibration; finite.
     labels
         (rows, cols) uint8, classes of Table 5.1, Zhang 2023 (`LABELS`), where known.
+
+    Examples
+    --------
+    >>> frame = Frame(index=7, time_s=0.02, gray=np.full((24, 32), 900, np.uint16))
+    >>> frame.gray.shape, frame.xyz.shape, frame.labels
+    ((24, 32), (0, 3), None)
     """
 
     index: int
@@ -76,18 +82,21 @@ class Attributes:
     ----------
     name
         Every error about the recording names it.
-    frame_rate_hz, rows, columns
-        Frames per second, and the size of each frame.
+    frame_rate_hz
+        Frames per second; 330 in the thesis.
+    rows, columns
+        Size of each frame in px.
     fraction
         Material of the particles, such as ``"wood chip"``.
     pressure_bar
         Air pressure at the lance.
     lance_mm
-        Outlet of the lance: x, y, z in camera coordinates as captured.
+        Outlet of the lance: x, y, z in mm, camera coordinates as captured.
     roi
-        Vertices (row, col) of the polygon outside which the optics leave artefacts.
+        Vertices (row, col) in px of the polygon outside which the optics leave
+        artefacts.
     flame_roi
-        (row0, row1, col0, col1) of the burner flame, the ends excluded.
+        (row0, row1, col0, col1) of the burner flame in px, the ends excluded.
     depth_calibration
         Calibration of the captured depths, the lance's too; None: they are true.
     notes
@@ -98,6 +107,12 @@ class Attributes:
     ------
     InputError
         If a value is impossible; the message names the recording and the attribute.
+
+    Examples
+    --------
+    >>> known = Attributes("chips", 330.0, 24, 32, lance_mm=(-10.0, 240.0, 8950.0))
+    >>> known.size, known.exit_point_mm
+    ((24, 32), (-10.0, 240.0, 8950.0))
     """
 
     name: str
@@ -113,23 +128,35 @@ class Attributes:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        where, (rows, columns) = f"recording {self.name}", self.size
+        where = f"recording {self.name}"
         for key in ("rows", "columns", "frame_rate_hz", "pressure_bar"):
             value = getattr(self, key)
             if value is not None:
-                value = check_number(
-                    value, f"{where}, {key}", above=0, whole=key.endswith("s")
-                )
-                object.__setattr__(self, key, value)  # as JSON has it, not numpy
-        check_finite(self.lance_mm or (0, 0, 0), f"{where}, lance_mm", (3,))
-        roi = check_finite(self.roi or 3 * ((0, 0),), f"{where}, roi", (None, 2))
-        row0, row1, col0, col1 = self.flame_roi or (0, rows, 0, columns)
-        inside = len(roi) >= 3 and (roi >= 0).all() and (roi <= self.size).all()
-        flame = 0 <= row0 < row1 <= rows and 0 <= col0 < col1 <= columns
-        if not (inside and flame and isinstance(self.name, str) and self.name.strip()):
+                whole = key in ("rows", "columns")
+                value = check_number(value, f"{where}, {key}", above=0, whole=whole)
+                object.__setattr__(self, key, value)  # JSON has no numbers of numpy
+        if self.lance_mm is not None:
+            check_finite(self.lance_mm, f"{where}, lance_mm", (3,))
+        named = isinstance(self.name, str) and self.name.strip()
+        if not (named and self._roi_fits(where) and self._flame_roi_fits(where)):
             raise InputError(
                 f"{where}: name, roi or flame_roi cannot be used ({self.size} px)."
             )
+
+    def _roi_fits(self, where: str) -> bool:
+        if self.roi is None:
+            return True
+        roi = check_finite(self.roi, f"{where}, roi", (None, 2))
+        return len(roi) >= 3 and bool(((roi >= 0) & (roi <= self.size)).all())
+
+    def _flame_roi_fits(self, where: str) -> bool:
+        if self.flame_roi is None:
+            return True
+        edges = check_finite(self.flame_roi, f"{where}, flame_roi", (4,))
+        row0, row1, col0, col1 = edges
+        rows_fit = 0 <= row0 < row1 <= self.rows
+        columns_fit = 0 <= col0 < col1 <= self.columns
+        return rows_fit and columns_fit and not (edges % 1).any()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -148,20 +175,15 @@ class Attributes:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return the attributes from values of JSON or TOML; lists become tuples."""
-        calibration = {
-            "depth_calibration": read_calibration(values.get("depth_calibration"))
-        }
-        return cls(
-            **{key: _tuples(value) for key, value in values.items()} | calibration
-        )
+        given = {key: _tuples(value) for key, value in values.items()}
+        calibration = read_calibration(values.get("depth_calibration"))
+        return cls(**given | {"depth_calibration": calibration})
 
 
 def _tuples(value: Any) -> Any:
-    return (
-        tuple(_tuples(item) for item in value)
-        if isinstance(value, list | tuple)
-        else value
-    )
+    if isinstance(value, list | tuple):
+        return tuple(map(_tuples, value))
+    return value
 
 
 class Recording(Protocol):
@@ -198,8 +220,9 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     shapes = {"gray": attributes.size, "pixels": (None, 2), "xyz": (len(pixels), 3)}
     for name, shape in shapes.items():
         check_shape(getattr(frame, name), shape, f"{where}: {name}")
-    wrong = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
-    if (wrong := wrong | pd.DataFrame(pixels).duplicated().to_numpy()).any():
+    outside = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
+    wrong = outside | pd.DataFrame(pixels).duplicated().to_numpy()
+    if wrong.any():
         place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"
         raise InputError(
             f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice."
@@ -209,9 +232,8 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     )
     if frame.labels is not None:
         check_shape(frame.labels, attributes.size, f"{where}: labels")
-        check_number(
-            int(frame.labels.max()), f"{where}: labels", least=0, most=len(LABELS) - 1
-        )
+        largest = int(frame.labels.max())
+        check_number(largest, f"{where}: labels", most=len(LABELS) - 1)
     return frame
 
 
@@ -243,14 +265,16 @@ def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
 
     Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers
     are frames.
+
+    Examples
+    --------
+    >>> count_frames([1700, 1733, 1767, 1867])
+    ([0, 1, 2, 5], 34.0)
     """
     each, place = np.unique(numbers, return_inverse=True)
-    steps = np.diff(each) if len(each) > 1 else np.ones(1)
-    # of unequal steps the middle one, as time stamps vary
-    step = float(np.quantile(steps, (steps.min() != 1) / 2, method="lower"))
-    each = (
-        each
-        if step == 1
-        else np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
-    )
-    return each[place].astype(int).tolist(), step
+    steps = np.diff(each)
+    if len(steps) == 0 or steps.min() == 1:
+        return each[place].astype(int).tolist(), 1.0
+    step = np.quantile(steps, 0.5, method="lower")  # time stamps vary
+    frames = np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    return frames[place].astype(int).tolist(), float(step)

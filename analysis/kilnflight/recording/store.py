@@ -6,7 +6,7 @@ A recording is a Zarr 3 group::
     pixels     (frame, point, 2)   int32     row, col of the points
     xyz        (frame, point, 3)   float32   mm, camera coordinates as captured
     labels     (frame, row, col)   uint8     Table 5.1, only of the frames that have any
-    index, time_s, points, labelled (frame)  number, time, number of points, labels known
+    index, time_s, points, labelled (frame)  number, time, number of points, labels?
     truth/     <name>.parquet                tables of the truth, where there is one
 
 The second axis of ``pixels`` and ``xyz`` is as long as an image has pixels; only the
@@ -18,7 +18,7 @@ after its last frame.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,7 @@ from kilnflight.store.cache import clear_parts, locked, make_whole
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 POINTS_PER_CHUNK = 65_536
 KINDS = {"gray": "uint16", "pixels": "int32", "xyz": "float32", "labels": "uint8"}
-WIDTH = {"pixels": 2, "xyz": 3}  # numbers of a point
+POINT_NUMBERS = {"pixels": 2, "xyz": 3}
 PER_FRAME = {
     "index": "int64",
     "time_s": "float64",
@@ -55,13 +55,27 @@ PER_FRAME = {
 
 @dataclass(frozen=True, eq=False)
 class StoredRecording:
-    """A recording on disk, made by `open_recording`."""
+    """A recording on disk, made by `open_recording`.
+
+    Parameters
+    ----------
+    path
+        Its folder.
+    attributes
+        Facts about the whole recording.
+    arrays
+        Arrays by name, those of `KINDS`.
+    per_frame
+        Columns (frames,) by name, those of `PER_FRAME`.
+    stated
+        Its `content` when it was written; None in recordings that do not state it.
+    """
 
     path: Path
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
-    per_frame: Mapping[str, npt.NDArray[Any]]  # of the names in PER_FRAME
-    stated: str | None = None  # its `content` when it was written
+    per_frame: Mapping[str, npt.NDArray[Any]]
+    stated: str | None = None
 
     def __len__(self) -> int:
         return len(self.per_frame["index"])
@@ -75,71 +89,97 @@ class StoredRecording:
             If there is no such frame, or it is damaged on disk.
         """
         gray = self.gray(t)
-        index, time_s, n, labelled = (self.per_frame[name][t] for name in PER_FRAME)
-        pixels, xyz = (self._read(name, t, int(n)) for name in ("pixels", "xyz"))
-        labels = self._read("labels", t) if labelled else None
-        return Frame(int(index), float(time_s), gray, pixels, xyz, labels)
+        known = {name: values[t].item() for name, values in self.per_frame.items()}
+        labels = None
+        if known["labelled"]:
+            labels = self._read("labels", t, self.attributes.rows)
+        return Frame(
+            index=known["index"],
+            time_s=known["time_s"],
+            gray=gray,
+            pixels=self._read("pixels", t, known["points"]),
+            xyz=self._read("xyz", t, known["points"]),
+            labels=labels,
+        )
 
     def gray(self, t: int) -> Gray:
-        """Return the grey values (rows, cols) of frame ``t`` alone; errors as for
-        `frame`.
-        """
+        """Return the grey values (rows, cols) of frame ``t``; errors as for `frame`."""
         check_position(t, len(self), self.attributes.name)
-        return self._read("gray", t)
+        return self._read("gray", t, self.attributes.rows)
 
-    def _read(self, name: str, t: int, n: int | None = None) -> npt.NDArray[Any]:
-        """Return frame ``t`` of an array, of a point array its first ``n`` points."""
+    def _read(self, name: str, t: int, n: int) -> npt.NDArray[Any]:
+        """Return the first ``n`` rows or points of frame ``t`` of an array."""
         array = self.arrays[name]
         folder = self.path / name / "c" / str(t)
         try:
-            count = 1 if n is None else -(-n // array.chunks[1])
-            if not all((folder / str(k) / "0").is_file() for k in range(count)):
-                raise OSError("a chunk is missing")  # zarr would make zeros of it
+            for k in range(-(-n // array.chunks[1])):
+                if not (folder / str(k) / "0").is_file():  # zarr would return zeros
+                    raise OSError("a chunk is missing")
             return np.asarray(array[t, :n])
-        except (
-            RuntimeError,
-            ValueError,
-            OSError,
-        ) as error:  # of codecs, too, on broken bytes
+        # Codecs raise RuntimeError and ValueError on damaged bytes.
+        except (RuntimeError, ValueError, OSError) as error:
             raise InputError(
                 f"{self.path}, frame {t}: its {name} is lost or damaged."
             ) from error
 
     def content(self) -> str:
-        """Return a hash (12 hex digits) of attributes and frames, independent of the
-        place.
+        """Return a hash (12 hex digits) of attributes and frames.
 
-        Every chunk ends in the checksum of its values (zstd), so the end of each file
-        is read, of the arrays' metadata all. An `InputError` if the hash is not that of
-        the writing: something was changed afterwards. Hidden files, as of a file
-        browser, do not count.
+        Its place does not count, nor do hidden files, such as those of a file browser.
+        Every chunk ends in the checksum of its values (zstd), so only the end of each
+        file is read.
+
+        Raises
+        ------
+        InputError
+            If the recording was changed after it was written.
         """
         digest = hashlib.sha256(repr(self.attributes).encode())
         for values in self.per_frame.values():
             digest.update(values.tobytes())
         for name in KINDS:  # a missing chunk is reported when it is read
-            for path in sorted(
-                p for p in (self.path / name).rglob("[!.]*") if p.is_file()
-            ):
+            found = (self.path / name).rglob("[!.]*")
+            for path in sorted(filter(Path.is_file, found)):
                 with path.open("rb") as file:
                     end = file.seek(max(path.stat().st_size - 4096, 0))
-                    digest.update(
-                        f"{path.relative_to(self.path)} {end} ".encode() + file.read()
-                    )
-        if self.stated not in (None, found := digest.hexdigest()[:12]):
+                    digest.update(f"{path.relative_to(self.path)} {end} ".encode())
+                    digest.update(file.read())
+        content = digest.hexdigest()[:12]
+        if self.stated not in (None, content):
             raise InputError(
                 f"{self.path}: was changed after it was written. Write it again."
             )
-        return found
+        return content
 
 
 def open_recording(path: Path | str) -> StoredRecording:
     """Open a stored recording; memory does not depend on its length.
 
+    Parameters
+    ----------
+    path
+        Folder that `write_recording` wrote.
+
+    Returns
+    -------
+    StoredRecording
+        Frames are read from disk when they are needed.
+
     Raises
     ------
     InputError
         If there is none, its writing was cut off, or it is damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from kilnflight.recording.files import open_any
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> film = open_any(np.full((3, 24, 32), 7, np.uint16), frame_rate_hz=330.0)
+    >>> _ = write_recording(film, folder / "film.zarr")
+    >>> stored = open_recording(folder / "film.zarr")
+    >>> len(stored), stored.attributes.size, int(stored.gray(2).max())
+    (3, (24, 32), 7)
     """
     path = Path(path)
     try:
@@ -152,13 +192,13 @@ def open_recording(path: Path | str) -> StoredRecording:
         per_frame = {
             name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()
         }
-        arrays = {name: group[name] for name in KINDS}
-        for name, how in _layout(attributes, len(pd.DataFrame(per_frame))):
-            if any(getattr(arrays[name], key) != value for key, value in how.items()):
-                raise InputError(
-                    f"its {name} is not of the size and type that it states"
-                )
-        return StoredRecording(path, attributes, arrays, per_frame, content)
+        return StoredRecording(
+            path=path,
+            attributes=attributes,
+            arrays={name: group[name] for name in KINDS},
+            per_frame=per_frame,
+            stated=content,
+        )
     except Exception as error:  # zarr raises anything on damaged bytes
         raise InputError(
             f"{path}: no such file, or no whole recording ({error})."
@@ -176,7 +216,7 @@ def write_recording(
     Parameters
     ----------
     recording
-        Frames as `kilnflight.recording.frames.check_frame` describes them.
+        Recording of any kind, such as from `kilnflight.open`.
     path
         The new folder, usually named ``.zarr``.
     frames
@@ -185,13 +225,29 @@ def write_recording(
     truth
         Tables by name, stored as Parquet.
 
+    Returns
+    -------
+    StoredRecording
+        The recording on disk.
+
     Raises
     ------
     InputError
         If the target exists, or the numbers or times of the frames do not grow.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from kilnflight.recording.files import open_any
+    >>> film = open_any(np.arange(4 * 24 * 32).reshape(4, 24, 32))
+    >>> path = Path(tempfile.mkdtemp(), "part.zarr")
+    >>> stored = write_recording(film, path, frames=range(2, 4))
+    >>> [stored.frame(t).index for t in range(2)]
+    [2, 3]
     """
     path = Path(path)
-    frames = range(len(recording)) if frames is None else frames
+    if frames is None:
+        frames = range(len(recording))
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_name(f".{path.name}.lock")):  # another process waits
         if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
@@ -203,65 +259,58 @@ def write_recording(
     return open_recording(path)
 
 
-def _write(recording: Recording, frames: range, truth: Any, part: Path) -> None:
+def _write(
+    recording: Recording,
+    frames: range,
+    truth: Mapping[str, pd.DataFrame],
+    folder: Path,
+) -> None:
     """Write a recording to a new folder; arguments as for `write_recording`."""
     where = f"recording {recording.attributes.name}"
     rows = []
-    group, arrays = _create(part, recording.attributes, len(frames))
-    # disable=None: a bar in a terminal, nothing in logs and notebooks
+    group, arrays = _create(folder, recording.attributes, len(frames))
+    # disable=None shows a bar in a terminal and nothing in logs and notebooks.
     for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
         frame = recording.frame(t)
+        points = len(frame.xyz)
         arrays["gray"][position] = frame.gray
-        for name in WIDTH if len(frame.xyz) else ():
-            arrays[name][position, : len(frame.xyz)] = getattr(frame, name)
+        if points:
+            arrays["pixels"][position, :points] = frame.pixels
+            arrays["xyz"][position, :points] = frame.xyz
         if frame.labels is not None:
             arrays["labels"][position] = frame.labels
-        rows.append(
-            (frame.index, frame.time_s, len(frame.xyz), frame.labels is not None)
-        )
-    if (np.diff([row[:2] for row in rows], axis=0) <= 0).any():
+        rows.append((frame.index, frame.time_s, points, frame.labels is not None))
+    table = pd.DataFrame(rows, columns=[*PER_FRAME])
+    if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
-    for (name, kind), values in zip(
-        PER_FRAME.items(), zip(*rows, strict=True), strict=True
-    ):
-        group.create_array(name, data=np.array(values, kind))
-    for table_name, table in truth.items():
-        (part / "truth").mkdir(exist_ok=True)
-        table.to_parquet(part / "truth" / f"{table_name}.parquet")
-    group.attrs["content"] = open_recording(part).content()
-
-
-def _layout(
-    attributes: Attributes, length: int
-) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield name, and shape, chunks and type of each array of a recording."""
-    pixels = attributes.rows * attributes.columns
-    for name, kind in KINDS.items():
-        shape = chunk = attributes.size
-        width = WIDTH.get(name)
-        if width:
-            shape = (pixels, width)
-            chunk = (min(POINTS_PER_CHUNK, pixels), width)
-        yield (
-            name,
-            {"shape": (length, *shape), "chunks": (1, *chunk), "dtype": np.dtype(kind)},
-        )
+    for name, kind in PER_FRAME.items():
+        group.create_array(name, data=table[name].to_numpy(kind))
+    for name, rows_of_truth in truth.items():
+        (folder / "truth").mkdir(exist_ok=True)
+        rows_of_truth.to_parquet(folder / "truth" / f"{name}.parquet")
+    group.attrs["content"] = open_recording(folder).content()
 
 
 def _create(
     folder: Path, attributes: Attributes, length: int
 ) -> tuple[Any, dict[str, Any]]:
-    """Return a new, empty group and its arrays, which a group would open without their
-    config.
-    """
-    content = {"format": FORMAT, **asdict(attributes)}
-    made = dict[str, Any]()
-    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
-    for name, how in _layout(attributes, length):
-        how["config"] = {
-            "write_empty_chunks": True
-        }  # a chunk without a file then is damage
-        made[name] = group.create_array(
-            name, compressors=ZstdCodec(level=1, checksum=True), **how
+    """Return a new, empty group and its arrays."""
+    stated = {"format": FORMAT, **asdict(attributes)}
+    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=stated)
+    pixels = attributes.rows * attributes.columns
+    arrays = {}
+    for name, kind in KINDS.items():
+        shape = attributes.size
+        chunk = shape
+        if name in POINT_NUMBERS:
+            shape = (pixels, POINT_NUMBERS[name])
+            chunk = (min(POINTS_PER_CHUNK, pixels), POINT_NUMBERS[name])
+        arrays[name] = group.create_array(
+            name,
+            shape=(length, *shape),
+            chunks=(1, *chunk),
+            dtype=kind,
+            compressors=ZstdCodec(level=1, checksum=True),
+            config={"write_empty_chunks": True},  # a chunk without a file is damage
         )
-    return group, made
+    return group, arrays

@@ -1,3 +1,1 @@
-"""Files that are written whole or not at all: cached tables, folders, an index,
-processes.
-"""
+"""Whole files, cached tables, folders, the index of figures, processes."""

@@ -28,8 +28,7 @@ if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
 PACKAGE = Path(__file__).parents[1]
-# Module and names of an import, of this package; to parse the files takes half a
-# second.
+# An import of this package: module and names. To parse all files takes half a second.
 IMPORTS = re.compile(
     r"^ *(?:from|import) (kilnflight[\w.]*)(?: import (\([^)]*\)|.*))?", re.M
 )
@@ -37,10 +36,7 @@ AGAIN = "Is there room, on disk and in memory? Finished parts are kept; run it a
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name, then rename it; never incomplete.
-
-    Raises an `InputError` if it cannot be written.
-    """
+    """Write a file whole or not at all; errors as for `make_whole`."""
     make_whole(path, lambda part: part.write_bytes(content))
 
 
@@ -66,7 +62,7 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
             if part.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             part.replace(path)
-    except (OSError, RuntimeError) as error:  # RuntimeError: of links in a circle
+    except (OSError, RuntimeError) as error:  # links in a circle: RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written ({reason}). {AGAIN}") from error
 
@@ -86,7 +82,10 @@ def locked(path: Path) -> Iterator[None]:
 
     A missing file is created; one that is called .lock is removed afterwards.
     """
-    handle = os.open(path, os.O_RDONLY | (0 if path.is_dir() else os.O_CREAT))
+    flags = os.O_RDONLY
+    if not path.is_dir():
+        flags |= os.O_CREAT
+    handle = os.open(path, flags)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
@@ -99,13 +98,14 @@ def locked(path: Path) -> Iterator[None]:
 def code_hash(*objects: object) -> str:
     """Return a hash of the source code behind functions, classes and instances.
 
-    The text of their modules counts, of all modules of this package that these import,
-    and of JSON and CSV files in the same folders. Objects of other packages or
-    notebooks do not count.
+    The text of their modules counts, and of all modules of this package that these
+    import. Objects of other packages or notebooks do not count.
     """
-    made_by = (getattr(value, "func", value) for value in objects)  # of a partial
-    names = {getattr(value, "__module__", None) or "" for value in made_by}
-    return _closure_hash(frozenset(file for name in names for file in _module(name)))
+    files = set[Path]()
+    for value in objects:
+        made_by = value.func if isinstance(value, partial) else value
+        files |= _module(getattr(made_by, "__module__", None) or "")
+    return _closure_hash(frozenset(files))
 
 
 @cache
@@ -116,35 +116,28 @@ def _closure_hash(files: frozenset[Path]) -> str:
     while pending:
         file = pending.pop()
         texts[file] = file.read_text("utf-8")
-        pending |= (_imports(file) if file.suffix == ".py" else set()) - texts.keys()
+        pending |= _imports(texts[file]) - texts.keys()
     named = sorted(
         (str(file.relative_to(PACKAGE)), text) for file, text in texts.items()
     )
     return hashlib.sha256(repr(named).encode()).hexdigest()
 
 
-def _imports(file: Path) -> set[Path]:
-    """Return the files of this package that a module imports, and its data files."""
-    found = {
-        path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")
-    }
-    for base, names in IMPORTS.findall(file.read_text("utf-8")):
-        found.update(
-            _module(base), *(_module(f"{base}.{n}") for n in re.findall(r"\w+", names))
-        )
+def _imports(text: str) -> set[Path]:
+    """Return the files of this package that a module with this text imports."""
+    found = set[Path]()
+    for base, names in IMPORTS.findall(text):
+        for name in ["", *re.findall(r"\w+", names)]:
+            found |= _module(f"{base}.{name}".rstrip("."))
     return found
 
 
-def _module(name: str) -> list[Path]:
-    """Return the file of a module by dotted name; empty if of another package."""
+def _module(name: str) -> set[Path]:
+    """Return the file of a module of this package by dotted name, or nothing."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
-    files = (
-        (base.with_suffix(".py"), base / "__init__.py")
-        if package == PACKAGE.name
-        else ()
-    )
-    return [file for file in files if file.is_file()]
+    files = {base.with_suffix(".py"), base / "__init__.py"}
+    return {file for file in files if package == PACKAGE.name and file.is_file()}
 
 
 @dataclass(frozen=True, repr=False)
@@ -198,7 +191,8 @@ class CachedTable:
         import pandas as pd
         from pyarrow import ArrowException
 
-        (path := self.path).parent.mkdir(parents=True, exist_ok=True)
+        path = self.path
+        path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
             if not path.is_file():
                 clear_parts(path)
@@ -225,9 +219,11 @@ def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], proper
 
     def decorate(make: Callable[[Any], pd.DataFrame]) -> property:
         def table(instance: Any) -> CachedTable:
-            values = {name: getattr(instance, name) for name in depends_on}
             return CachedTable(
-                make.__name__, partial(make, instance), values, instance.folder
+                name=make.__name__,
+                make=partial(make, instance),
+                depends_on={name: getattr(instance, name) for name in depends_on},
+                folder=instance.folder,
             )
 
         return property(table, doc=make.__doc__)

@@ -1,6 +1,4 @@
-"""The index of a folder of figures: captions, provenance, results and verdicts, as
-JSON.
-"""
+"""The index of the folder of figures: captions, provenance, results, verdicts."""
 
 from __future__ import annotations
 
@@ -26,16 +24,17 @@ def write(
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        for file, content in contents.items():
-            write_whole(folder / file, content)
+        for file in contents:
+            write_whole(folder / file, contents[file])
         known = load()
         known[part][name] = json.loads(json.dumps(entry, default=str))
         text = json.dumps(known, indent=1, sort_keys=True, ensure_ascii=False)
         write_whole(folder / "index.json", f"{text}\n".encode())
     listed = os.environ.get(paths.SAVED_LIST)
     if listed:
-        with Path(listed).open("a") as file_list:
-            file_list.writelines(f"{(folder / file).resolve()}\n" for file in contents)
+        with Path(listed).open("a") as saved:
+            for file in contents:
+                print((folder / file).resolve(), file=saved)
 
 
 def load() -> dict[str, dict[str, Any]]:
@@ -45,14 +44,28 @@ def load() -> dict[str, dict[str, Any]]:
     verdicts by stem).
     """
     folder = paths.figures()
-    notebooks = paths.root() / "notebooks"
     file = folder / "index.json"
-    known: dict[str, dict[str, Any]] = {"figures": {}, "notebooks": {}}
-    known |= json.loads(file.read_text("utf-8")) if file.is_file() else {}
-    for part, place, kind in (
-        ("figures", folder, "csv"),
-        ("notebooks", notebooks, "py"),
-    ):
-        there = (name for name in known[part] if (place / f"{name}.{kind}").is_file())
-        known[part] = {name: known[part][name] for name in there}
-    return known
+    if not file.is_file():
+        return {"figures": {}, "notebooks": {}}
+    known = json.loads(file.read_text("utf-8"))
+    return {
+        "figures": _existing(known["figures"], folder, "csv"),
+        "notebooks": _existing(known["notebooks"], paths.root() / "notebooks", "py"),
+    }
+
+
+def _existing(entries: dict[str, Any], folder: Path, ending: str) -> dict[str, Any]:
+    """Return the entries whose file exists."""
+    return {
+        name: entry
+        for name, entry in entries.items()
+        if (folder / f"{name}.{ending}").is_file()
+    }
+
+
+def rows(part: str) -> list[dict[str, Any]]:
+    """Return the verdicts or choices of all notebooks, each with its notebook."""
+    found = []
+    for stem, concluded in load()["notebooks"].items():
+        found += [each | {"notebook": stem} for each in concluded[part]]
+    return found

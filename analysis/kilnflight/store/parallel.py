@@ -1,5 +1,4 @@
-"""Work in pieces for processes of this machine or a Dask cluster, with the same
-results.
+"""Work in pieces for processes of this machine or of a Dask cluster.
 
 joblib's own Dask back end is not used: it works in this process where the cluster has
 one core, and waits for ever where a worker is killed (joblib 1.6).
@@ -27,8 +26,9 @@ from kilnflight.store import paths
 from kilnflight.store.cache import AGAIN
 
 Make = Callable[..., Any]  # computes one piece
-PATIENCE_S = 10.0  # for the scheduler and its first worker to answer
-LOGGED_S = 60.0  # between two states of the bar in a log
+PATIENCE_S = 10.0  # the scheduler and its first worker have this time to answer
+LOGGED_S = 60.0  # a log shows the bar once in this time
+PR_SET_PDEATHSIG = 1  # see prctl(2)
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,13 @@ class Workers:
     into_logs
         Whether the progress bar is printed if standard error is no terminal, every
         `LOGGED_S`.
+
+    Examples
+    --------
+    >>> made = []
+    >>> Workers(jobs=1)(made.append, pieces=["a", "b"], frames=[300, 40], label="run")
+    >>> made
+    ['a', 'b']
     """
 
     jobs: int = 1
@@ -89,41 +96,36 @@ class Workers:
             If the scheduler does not answer or a process was killed. Errors of ``make``
             are raised as they are.
         """
-        finished = self._local if self.scheduler is None else self._cluster
-        with tqdm(
-            total=before + sum(frames), initial=before, **self._bar(label)
-        ) as bar:
-            for k in (
-                finished(partial(_numbered, make, os.getpid()), pieces)
-                if pieces
-                else ()
-            ):
+        if not pieces:
+            return
+        compute = self._local if self.scheduler is None else self._cluster
+        numbered = partial(_numbered, make, os.getpid())
+        total = before + sum(frames)
+        with tqdm(total=total, initial=before, **self._bar(label)) as bar:
+            for k in compute(numbered, pieces):
                 bar.update(frames[k])
 
     def _bar(self, label: str) -> dict[str, Any]:
         """Return the options of `tqdm`: where the bar is shown, and how often."""
-        options: dict[str, Any] = {
-            "desc": label,
-            "unit": "frame",
-            "smoothing": 0,
-        }  # mean rate
+        options: dict[str, Any] = {"desc": label, "unit": "frame"}
+        options["smoothing"] = 0  # mean rate
         stem = os.environ.get(paths.NOTEBOOK)
         if stem:  # lines among those of make
-            options |= {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
+            options["desc"] = f"{stem}: {label}"
+            options["bar_format"] = "{l_bar}{r_bar}\n"
             options["file"] = sys.__stdout__
         elif sys.stderr.isatty() or not self.into_logs:
             return options | {"disable": None}
-        return options | dict.fromkeys(
-            ("delay", "mininterval", "maxinterval"), LOGGED_S
-        )
+        rarely = dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
+        return options | rarely
 
     def _local(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the index of each piece that a process of this machine has finished.
 
         ``make`` is `_numbered`, which takes the index and the piece.
         """
+        jobs = min(self.jobs, len(pieces))
         try:
-            jobs = min(self.jobs, len(pieces))
             yield from run_all(make, enumerate(pieces), jobs, "generator_unordered")
         except BrokenExecutor as error:
             raise InputError(
@@ -146,12 +148,9 @@ class Workers:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
                 client.run(_one_thread, 0)
             except (ImportError, OSError, ValueError, TypeError) as error:
-                needs = (
-                    "It needs dask scheduler and dask worker with the same "
-                    "kilnflight[cluster]."
-                )
                 raise InputError(
-                    f"scheduler {self.scheduler}: {error}. {needs}"
+                    f"scheduler {self.scheduler}: {error}. It needs dask scheduler and "
+                    "dask worker with the same kilnflight[cluster]."
                 ) from error
             futures = client.map(make, range(len(pieces)), list(pieces), pure=False)
             try:
@@ -184,13 +183,15 @@ def run_all(
 def _one_thread(orphaned: int = 15) -> None:
     """Limit OpenCV to one thread, so that other workers keep their cores.
 
-    The process gets the signal ``orphaned`` (SIGTERM) when its parent is killed; 0:
-    none.
+    On Linux the process gets the signal ``orphaned`` (SIGTERM) when its parent is
+    killed; 0: none.
     """
     import cv2
 
     cv2.setNumThreads(1)
-    getattr(ctypes.CDLL(None), "prctl", max)(1, orphaned)  # PR_SET_PDEATHSIG
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "prctl"):
+        libc.prctl(PR_SET_PDEATHSIG, orphaned)
 
 
 def _numbered(make: Make, caller: int, number: int, piece: object) -> int:
@@ -200,9 +201,9 @@ def _numbered(make: Make, caller: int, number: int, piece: object) -> int:
     the next one.
     """
     make(piece)
-    if (
-        os.getpid() != caller
-    ):  # joblib takes a process that keeps freed memory for leaking
+    if os.getpid() != caller:  # joblib would take what is kept for a leak
         gc.collect()
-        getattr(ctypes.CDLL(None), "malloc_trim", abs)(0)  # on Linux
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, "malloc_trim"):  # glibc
+            libc.malloc_trim(0)
     return number

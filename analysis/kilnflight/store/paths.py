@@ -7,10 +7,9 @@ from pathlib import Path
 
 from kilnflight.checks import InputError
 
-# Names of environment variables: file that lists what was saved (for make); running
-# notebook.
-SAVED_LIST = "KILNFLIGHT_SAVED"
-NOTEBOOK = "KILNFLIGHT_NOTEBOOK"
+# Names of environment variables.
+SAVED_LIST = "KILNFLIGHT_SAVED"  # its file lists what was saved, for make
+NOTEBOOK = "KILNFLIGHT_NOTEBOOK"  # stem of the notebook that runs
 
 
 def root() -> Path:
@@ -20,18 +19,16 @@ def root() -> Path:
     directory, else above this file. Raises an `InputError` if none of these holds that
     file.
     """
-    named = os.environ.get("KILNFLIGHT_ROOT")
     here = Path.cwd()
-    found = (
-        [Path(named)]
-        if named
-        else [here, *here.parents, *Path(__file__).resolve().parents]
-    )
-    for folder in found:
+    places = [here, *here.parents, *Path(__file__).resolve().parents]
+    named = os.environ.get("KILNFLIGHT_ROOT")
+    if named:
+        places = [Path(named)]
+    for folder in places:
         if (folder / "data" / "reference" / "claims.csv").is_file():
             return folder
     raise InputError(
-        f"{named or here}: no clone of kilnflight: work in one or set KILNFLIGHT_ROOT."
+        f"{places[0]}: no clone of kilnflight: work in one or set KILNFLIGHT_ROOT."
     )
 
 

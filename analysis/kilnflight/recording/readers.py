@@ -1,0 +1,269 @@
+"""Arrays, pictures, stacks and films in files of other programs."""
+
+from __future__ import annotations
+
+import fnmatch
+import glob
+import logging
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+import numpy.typing as npt
+import scipy.io
+import tifffile
+
+from kilnflight.checks import InputError, check_columns
+from kilnflight.recording.track_files import read_csv
+
+FILMS = (".avi", ".mkv", ".mov", ".mp4")
+TIFFS = (".tif", ".tiff")
+PICTURES = (".bmp", ".jpeg", ".jpg", ".png", *TIFFS)
+POINT = ["row", "col", "x", "y", "z"]
+MOST_PX = 200_000_000  # no camera has more; a small file may state more
+Anything = npt.NDArray[Any]
+
+# tifffile would print what is raised here.
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+
+
+@dataclass(frozen=True)
+class PictureFiles:
+    """Pictures in one file each."""
+
+    files: Sequence[Path]
+    key: str | None = None
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``."""
+        return read_array(self.files[t], self.key)
+
+
+class Film:
+    """Frames of a film, decoded in order; a step back decodes from the start."""
+
+    def __init__(self, path: Path) -> None:
+        self.files = [path]
+        self._capture = cv2.VideoCapture(str(path))
+        self.frame_rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or 1.0
+        self.stated = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        # The frames are counted, as the header may state another number.
+        self._length = sum(1 for _ in iter(self._capture.grab, False))
+        self._next = self._length
+        if not self._length:
+            raise InputError(
+                f"{path}: no frame can be decoded. Convert it: ffmpeg -i FILM a.avi"
+            )
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``, colours as red, green, blue."""
+        if t < self._next:
+            self._capture = cv2.VideoCapture(str(self.files[0]))
+            self._next = 0
+        for _ in range(self._next, t + 1):
+            self._capture.grab()
+        self._next = t + 1
+        return _from_bgr(self._capture.retrieve()[1])
+
+
+def open_images(
+    pattern: str, folder: Path, key: str | None = None
+) -> tuple[Any, Sequence[int]]:
+    """Open the pictures of a file, folder or pattern.
+
+    Parameters
+    ----------
+    pattern
+        Path or pattern, relative to ``folder``.
+    folder
+        Folder of the manifest, or the working directory.
+    key
+        Variable or data set, where a file holds several.
+
+    Returns
+    -------
+    images
+        Pictures (rows, cols) or (rows, cols, channels), read one by one.
+    numbers
+        Number of each frame, ascending.
+    """
+    path = folder / pattern
+    if not path.is_file():
+        found = number_files(pattern, folder)
+        return PictureFiles([*found.values()], key), [*found]
+    images: Any = Film(path) if path.suffix.lower() in FILMS else read_stack(path, key)
+    return images, range(len(images))
+
+
+def number_files(pattern: str, folder: Path) -> dict[int, Path]:
+    """Find the files of a folder or pattern by the number of their frame, in order.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the numbers do not ascend.
+    """
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(pattern)))
+    endings: tuple[str, ...] = ("",)
+    if (folder / pattern).is_dir():
+        text += "/*"
+        endings = PICTURES
+    number = r"(?P<number>\d+)"
+    form = rf"{number}[^\d/]*\.\w+$"  # the last number of the name
+    ordered_by = r"\d+"
+    if "FRAME" in text:
+        form = fnmatch.translate(text).replace("FRAME", number, 1)
+        ordered_by = form
+    files = dict[int, Path]()
+    previous = -1
+    names = glob.glob(text.replace("FRAME", "*"), root_dir=folder)
+    for name in sorted(names, key=lambda n: [*map(int, re.findall(ordered_by, n))]):
+        path = folder / name
+        if not name.lower().endswith(endings) or not path.is_file():
+            continue
+        found = re.search(form, name)
+        if not found or not previous < int(found["number"]) < 2**63:
+            advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
+            raise InputError(
+                f"{path}: has no number above that of the file before. {advice}."
+            )
+        previous = int(found["number"])
+        files[previous] = path
+    if not files:
+        raise InputError(
+            f"{folder / pattern}: no file fits the pattern, or none is a picture."
+        )
+    return files
+
+
+def read_array(path: Path, key: str | None = None) -> Anything:
+    """Read the array or picture in a file; parameters as for `read_stack`."""
+    array = read_stack(path, key)
+    is_picture = path.suffix.lower() in PICTURES and len(array) == 1
+    return array[0] if is_picture else array
+
+
+def read_stack(path: Path, key: str | None = None) -> Anything:
+    """Read the array in a file, by its ending, or its pictures (n, rows, cols).
+
+    Parameters
+    ----------
+    path
+        The file. MAT v7.3 comes in MATLAB's order of axes; colours come as red, green,
+        blue in a last axis; CSV comes as (n, 5), the columns of `POINT`.
+    key
+        Variable or data set, where a file holds several.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; the message names the file.
+    """
+    try:
+        return _read(path, key)
+    except Exception as error:  # libraries raise anything on damaged bytes
+        text = getattr(error, "strerror", None) or " ".join(str(error).split())
+        reason = text or "no content"
+        if not isinstance(error, InputError | OSError):
+            reason += ". Is it cut off or damaged?"
+        raise InputError(f"{path}: {reason}") from error
+
+
+def _read(path: Path, key: str | None) -> Anything:
+    ending = path.suffix.lower()
+    if ending in TIFFS:
+        return _read_tiff(path)
+    if ending in PICTURES:
+        content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
+        return _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))[None]
+    if ending == ".csv":
+        table = read_csv(path)
+        check_columns(table, POINT, str(path))
+        return table[POINT].to_numpy()
+    if ending == ".npy":
+        return np.atleast_1d(np.load(path, mmap_mode="r"))
+    if ending == ".mat" and not h5py.is_hdf5(path):
+        return _choose(scipy.io.loadmat(path), key)
+    if ending in (".h5", ".hdf5", ".mat"):
+        with h5py.File(path) as file:
+            array = _choose(file, key)
+        return array.T if ending == ".mat" else array
+    raise InputError("this kind of file is not known. Convert it.")
+
+
+def _choose(content: Any, key: str | None) -> Anything:
+    """Return an array of a file by its key, or the only one."""
+    names = [name for name in map(str, content) if not name.startswith("__")]
+    name = key or "/"
+    if key is None and len(names) == 1:
+        name = names[0]
+    chosen = content.get(name)
+    if not hasattr(chosen, "shape"):
+        missing = f", and no array {key!r}" if key is not None else ""
+        raise InputError(
+            f"it holds {', '.join(names)}{missing}. Name an array: key in a manifest."
+        )
+    _check_size(chosen.shape)
+    if isinstance(chosen, h5py.Dataset) and (
+        chosen.is_virtual or chosen.external or chosen.file != content
+    ):
+        raise InputError("its values lie in another file. Copy them into this one.")
+    return np.atleast_1d(chosen)
+
+
+def _check_size(shape: Sequence[int]) -> None:
+    """Raise an `InputError` if a picture of an array is larger than any camera's."""
+    if np.prod(sorted(shape)[-2:], dtype=np.float64) > MOST_PX:
+        raise InputError(f"pictures of {shape} px are above {MOST_PX} px. Cut them.")
+
+
+def _from_bgr(image: Anything | None) -> Anything:
+    if image is None:
+        raise InputError("a picture cannot be decoded. Is the file damaged?")
+    if image.ndim == 2:
+        return image
+    return image[..., [2, 1, 0, *range(3, image.shape[2])]]
+
+
+def _read_tiff(path: Path) -> Anything:
+    """Return the pages (n, rows, cols) or with colours, mapped where it is possible."""
+    with tifffile.TiffFile(path) as tif:
+        _check_pages(tif)
+        several = len(tif.series) > 1
+        try:
+            images = tif.asarray(slice(None) if several else None, out="memmap")
+        except ValueError:  # a compression that tifffile leaves to another package
+            pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1]
+            images = np.array([_from_bgr(page) for page in pages])
+        page = tif.pages.first
+        expected = page.size * len(tif.pages)
+    if images.dtype.newbyteorder("=") != page.dtype or images.size < expected:
+        raise ValueError(
+            f"its compression of {page.dtype} is not known, or it is damaged"
+        )
+    return images.reshape(-1, *page.shape)
+
+
+def _check_pages(tif: tifffile.TiffFile) -> None:
+    """Raise an error unless the pages are whole and grey or coloured frames in time."""
+    empty = not tif.series  # this reads the table of pages
+    tif.filehandle.seek(tif.pages.next_page_offset or 0)
+    if empty or tif.filehandle.read(4) != bytes(4):
+        raise ValueError("it ends within its pages")
+    series = tif.series[0]
+    page = tif.pages.first
+    _check_size(page.shape[:2])
+    axes = {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1}
+    if axes - set("TIQYXS") or page.photometric not in (1, 2, 6):  # grey, RGB, JPEG's
+        raise InputError(
+            f"axes {series.axes}, colours {page.photometric!r}. Save grey values of "
+            "one plane, black as 0; time is T (ImageJ: Image > Properties)."
+        )
