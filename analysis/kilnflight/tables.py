@@ -329,9 +329,6 @@ FLIGHTS = Table(
         "after t0_s; NaN unless ignition was seen",
         missing=True,
     ),
-    Column(
-        "rise_gray", float, "1", "grey values between both levels, 0 without a step"
-    ),
     Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
     Column("refused", str, "1", "reason for rejection; empty if accepted"),
 )

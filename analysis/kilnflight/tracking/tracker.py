@@ -34,7 +34,7 @@ from kilnflight.tracking.filter import (
 # Structured, one entry per track, the older first: the columns of `_newborn`.
 Tracks = npt.NDArray[np.void]
 ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `_newborn`
-Shares = tuple[Integers, Integers, Array]  # (q,) each, see `_shares`
+Shares = tuple[Integers, Integers, Any]  # (q,) each, see `_shares`
 
 
 class Step(NamedTuple):
@@ -363,11 +363,17 @@ def follow(
     """
     noise = motion.measurement_noise()
     d = len(noise)
-    newborn = _newborn(motion, extra_columns)
-    tracks = newborn[:0]
+    # The n tracks, and newborn ones behind them: numpy copies them fast, but joins
+    # structured arrays slowly.
+    room = _newborn(motion, extra_columns)
+    n = 0
+    started = 0
     span = -1.0
     for detected in frames:
-        tracks = tracks.take(np.flatnonzero(keeps(tracks, detected.frame)))
+        kept = np.flatnonzero(keeps(room[:n], detected.frame))
+        newborn = np.full(len(detected.positions) + 1, -1)
+        room = room.take(np.append(kept, newborn))
+        tracks = room[: len(kept)]
         if detected.span != span:
             span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
@@ -385,10 +391,12 @@ def follow(
             tracks[name] = values
         owner = record(pairs, weights)
         alone = _unused(pairs, weights, owner, used)
+        n = len(kept) + len(alone)
         track_of = owner.copy()
-        track_of[alone] = len(tracks) + np.arange(len(alone))
-        tracks = _with_new(tracks, newborn, detected, alone, extra_of_new)
-        newborn["particle"] += len(alone)
+        track_of[alone] = np.arange(len(kept), n)
+        _begin(room[len(kept) : n], started, detected, alone, extra_of_new)
+        started += len(alone)
+        tracks = room[:n]
         particle = _record(tracks, track_of, detected)
         yield Step(detected, pairs, weights, particle, owner, tracks)
 
@@ -406,25 +414,15 @@ def _unused(pairs: Pairs, weights: Array | Flags, owner: Index, used: float) -> 
     return np.flatnonzero((owner < 0) & (share < used))
 
 
-def _with_new(
-    tracks: Tracks,
-    newborn: Tracks,
-    detected: Detected,
-    alone: Index,
-    extra: ExtraColumns,
-) -> Tracks:
-    """Return the tracks and, after them, one for each of the detections ``alone`` (k,).
-
-    ``extra`` holds the extra columns (m,) of a track that a detection would start.
-    """
-    grown = np.concatenate([tracks, newborn.repeat(len(alone))])
-    new = grown[len(tracks) :]
-    new["particle"] += np.arange(len(alone))
+def _begin(
+    new: Tracks, first: int, detected: Detected, alone: Index, extra: ExtraColumns
+) -> None:
+    """Start tracks, numbered from ``first`` on, at the detections ``alone`` (k,)."""
+    new["particle"] = np.arange(first, first + len(alone))
     new["born"] = detected.frame
     new["state"][:, : detected.positions.shape[1]] = detected.positions[alone]
     for name, values in extra.items():
         new[name] = values[alone]
-    return grown
 
 
 def _record(tracks: Tracks, track_of: Index, detected: Detected) -> Integers:
