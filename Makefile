@@ -6,6 +6,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 #: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
+#:   ONLY="52 53"                          only these notebooks, for make notebooks
 #:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB),
 #:                                         and processes of notebooks 50 and 56 in make full
 #:   RECORDING=path                        film, folder, array ... for make film
@@ -15,13 +16,16 @@ SHELL := /bin/bash
 #:   KILNFLIGHT_FIGURES=folder             instead of figures/ (full) or build/SCALE/figures
 SCALE ?= standard
 PARAMETERS ?=
-# Notebooks often wait for a kernel: one more than cores, but not where each fills the memory.
-JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n + $(if $(filter full,$(SCALE) $(MAKECMDGOALS)),0,1) : 4)))
+ONLY ?=
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
-OUT := build/$(SCALE)
-MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
+# Notebooks often wait for a kernel: one more than cores, but not where each fills the memory.
+CORES := $(shell nproc 2>/dev/null || echo 1)
+JOBS ?= $(shell n=$$(($(CORES) + $(if $(filter full,$(SCALE)),0,1))); echo $$((n < 4 ? n : 4)))
+# Scales never mix: figures/ holds what make full made.
+FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/build/$(SCALE)/figures))
+MAKEFLAGS += --no-print-directory
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 unexport PYTHONDONTWRITEBYTECODE# Python starts some hundred times: its bytecode is kept
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
@@ -30,46 +34,31 @@ export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
 export OPENCV_FOR_THREADS_NUM ?= 1
 export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a frame's time
+.PHONY: all quick standard full notebooks film setup data test faults check bench dist clean help
 
-NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
-SUMMARY := $(filter %/00_claims.ipynb %/01_choices.ipynb,$(NOTEBOOKS))# collect what the others conclude
-# 23 compiles what those of the kiln share, once for all of them; beside it run those of the belt.
-COMPILES := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/23_%,$(NOTEBOOKS)))
-COMPILED := $(filter-out $(OUT)/23_% $(OUT)/4% $(MAKECMDGOALS),$(NOTEBOOKS))
-# The longest begin.
-LONGEST := $(foreach number,23 45 43 40 50 24 32 10 22 20 31 60,$(filter $(OUT)/$(number)_%,$(NOTEBOOKS)))
-# 50 detects in all campaigns, and the others of 50 to 59 take its tables. In full it has JOBS
-# processes, as 56, of 3 GB each, and nothing runs beside it.
-CAMPAIGNS := $(filter-out $(MAKECMDGOALS),$(filter $(OUT)/50_%,$(NOTEBOOKS)))
-LATER := $(filter-out $(CAMPAIGNS) $(MAKECMDGOALS),$(filter $(OUT)/5%,$(NOTEBOOKS)))
-QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
-SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
-# Scales never mix: figures/ holds what make full made.
-FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/$(OUT)/figures))
-$(NOTEBOOKS) site/index.html: export KILNFLIGHT_FIGURES := $(FIGURES)
-film: export KILNFLIGHT_FIGURES := $(CURDIR)/build/film/figures
-
-.PHONY: all quick standard full film setup data test faults check bench dist clean help FORCE
-all: site/index.html
+all: notebooks
+	@[ site/index.html -nt build/$(SCALE)/ran -a "$$(cat build/site 2> /dev/null)" = $(SCALE) -a -z "$$(find docs -newer site/index.html)" ] || { \
+	  echo "site: rendering the notebooks"; KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) docs/generate.py build/$(SCALE) site; echo $(SCALE) > build/site; }
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; figures are in $(or $(FIGURES),figures/)"
 quick standard full: ## little input; less input (the default); all of it, into figures/, and the README
 	@$(MAKE) SCALE=$@ all
 	@$(if $(filter full,$@),$(RUN) docs/generate.py --readme)
+notebooks: $(VENV)/installed build/external.txt ## the notebooks that are out of date, without pages
+	@KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) -m kilnflight.publication.schedule $(SCALE) --jobs $(JOBS) --only $(ONLY) --parameters $(PARAMETERS)
 film: $(VENV)/installed ## the notebook of one film of yours, into build/film: make film RECORDING=path
-	@$(RUN) -m kilnflight.publication.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"
-	@$(RUN) docs/generate.py build/film build/film/site
+	@export KILNFLIGHT_FIGURES=$(CURDIR)/build/film/figures; \
+	  $(RUN) -m kilnflight.publication.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"; \
+	  $(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.publication.data && mkdir -p build && touch build/external.txt
-LAST := tests/test_notebooks.py# waits for the smoke run of the first
-FIRST := tests/test_site_pages.py tests/test_makefile.py
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
-	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST) $(LAST),$(wildcard tests/test_*.py tests/*/test_*.py)) $(LAST) analysis
+	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" tests analysis
 faults: $(VENV)/installed ## try some 10,000 faults of input, and count what becomes of them
 	@PYTHONPATH=. $(RUN) tests/faults/test_faults.py
 check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports
-	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)
+	@$(RUN) -m pytest -q -m published tests
 bench: $(VENV)/installed ## measure speed against peers, and growth, into figures/ (20 minutes)
 	@$(RUN) benchmarks/run.py
 dist: $(VENV)/installed ## build wheel and source archive, into dist/
@@ -80,37 +69,9 @@ clean: ## remove what make has made, but neither figures/ nor the fetched data
 help: ## list the targets and settings
 	@sed -nE 's/^([a-z][a-z ]*):[^#=]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 28
 
-# Newer than the notebook where it has to run again: for other settings, or a lost figure.
-$(OUT)/%.settings: FORCE
-	@mkdir -p $(@D); n=$*; s="$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES) $(PARAMETERS)"; \
-	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
-	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
-$(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.publication.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(if $(filter full/50_% full/56_%,$(SCALE)/$*),$(firstword $(subst _, ,$*)).jobs=$(JOBS)) $(PARAMETERS))
-$(SUMMARY): $(QUEUE)
-$(COMPILED): | $(COMPILES)
-$(LATER): | $(CAMPAIGNS)
-$(if $(filter full,$(SCALE)),$(CAMPAIGNS): | $(filter-out $(CAMPAIGNS) $(LATER) $(SUMMARY),$(NOTEBOOKS)))
-build/scale: FORCE
-	@mkdir -p build; [ "$(SCALE)" = "$$(cat $@ 2>/dev/null)" ] || echo $(SCALE) > $@
-site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)
-	@echo "site: rendering $(words $(NOTEBOOKS)) notebooks"; $(RUN) docs/generate.py $(OUT) site
 # The authors' data if there is a network; a second make does not ask again (make data does).
 build/external.txt: analysis/kilnflight/publication/data.py | $(VENV)/installed
 	@mkdir -p build; $(RUN) -m kilnflight.publication.data --optional && touch $@
-
-fail = { echo "setup: $(1)" >&2; exit 1; }
-install = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1
-pip = $(call install,$(1)) || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
-locked := --require-hashes -r requirements.lock
-uv = $(VENV)/bin/uv pip install --quiet --python $(RUN) $(1) >> build/pip.log 2>&1
 $(VENV)/installed: requirements.lock pyproject.toml
-	@echo "setup: creating $(VENV) with $(PYTHON) and the locked packages (a minute or two)"
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || $(call fail,$(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.11)
-	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || $(call fail,$(PYTHON) has no venv; on Debian: apt-get install python3-venv)
-	@$(PYTHON) -m venv $(VENV) && mkdir -p build && : > build/pip.log
-# uv takes a third of pip's time; where it cannot do it (a mirror that only pip knows), pip does.
-	@sed -n '/^uv==/,/[^\]$$/p' requirements.lock > build/uv.lock
-	@{ $(call install,--require-hashes -r build/uv.lock) && $(call uv,$(locked)); } || { echo "setup: not by uv (build/pip.log); pip takes some two minutes more"; $(call pip,$(locked)); }
-	@$(call pip,--no-deps --no-build-isolation -e .)
+	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup
 	@touch $@

@@ -19,7 +19,7 @@
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 scale = "standard"
-seed = 0  # of the scenes, and of the bootstrap
+seed = 0  # random numbers of scenes and bootstrap
 jobs = 2  # processes
 pictures = 0  # frames in each sum of differences; 0: 5, 30 or 300 by scale
 
@@ -30,22 +30,25 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from kilnflight import regression
-from kilnflight.experiments import plots
-from kilnflight.experiments.flights import campaigns, comparison, variants
+from kilnflight.experiments.flights import campaigns, comparison, panels, variants
 from kilnflight.experiments.flights.campaigns import KEYS, REASONS
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.regression import AXIS_MEASURES, Regression, regress
+from kilnflight.regression import AXIS_MEASURES, Regression, fits, regress
 from kilnflight.tables import TRAJECTORIES
 
 FEW_POINTS = 15  # two for each unknown of Eq. 4.29; our choice
+FIT_MEASURES = {  # names in Table 5.18, and columns by axis
+    "rmse_mm": "rmse_{}_mm",
+    "mape_percent": "mape_{}_percent",
+    "r2": "r2_{}",
+    "r2_adjusted": "r2_adjusted_{}",
+}
 
 # %%
 style.use_style()
 pictures = pictures or {"quick": 5, "standard": 30, "full": 300}[scale]
-origin = figures.trace(
-    "50_trajectories", {"scale": scale, "pictures": pictures}, seed=seed
-)
+parameters = {"scale": scale, "pictures": pictures}
+origin = figures.trace("50_trajectories", parameters, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 tables = results.tables
 generator = np.random.default_rng(seed)
@@ -60,24 +63,31 @@ generator = np.random.default_rng(seed)
 # `kilnflight run` would reject: they leave the kiln, turn back behind the lance, or are
 # over twice as fast as the lance's air. These limits are ours.
 
+
 # %%
+def count(flags, table):
+    """Return the number of rows of a table by campaign for which each flag is set."""
+    return pd.DataFrame(flags).groupby([table[key] for key in KEYS]).sum()
+
+
+every = tables.trajectories
+fitted = every[every["outcome"] == "fitted"]
+at_bound = fitted["t0_at_bound"]
+bounds = {"t0_earliest": at_bound < 0, "t0_at_first_detection": at_bound > 0}
 rejecting = variants.varied(results, variants.rejecting, jobs).tables.flights
-fitted = tables.trajectories
-starting = rejecting[rejecting["from_lance"]]
-table = fitted.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
-bounds = fitted[fitted["outcome"] == "fitted"].groupby(KEYS)["t0_at_bound"]
-points = starting.merge(fitted[[*KEYS, "particle", "points"]], on=[*KEYS, "particle"])
-few = points[points["points"] < FEW_POINTS]
-refused = {why: starting[starting["refused"] == why] for why in REASONS}
-table = table.assign(
-    t0_earliest=bounds.agg(lambda at: (at < 0).sum()),
-    t0_at_first_detection=bounds.agg(lambda at: (at > 0).sum()),
-    from_lance=starting.groupby(KEYS).size(),
-    refused=starting[starting["refused"] != ""].groupby(KEYS).size(),
-    **{f"refused: {why}": part.groupby(KEYS).size() for why, part in refused.items()},
-    few_points=few.groupby(KEYS).size(),
-    few_points_refused=few[few["refused"] != ""].groupby(KEYS).size(),
-)
+points = every[[*KEYS, "particle", "points"]]
+starting = rejecting[rejecting["from_lance"]].merge(points)
+impossible = starting["refused"] != ""
+few = starting["points"] < FEW_POINTS
+lance = {
+    "from_lance": starting["from_lance"],
+    "refused": impossible,
+    **{f"refused: {why}": starting["refused"] == why for why in REASONS},
+    "few_points": few,
+    "few_points_refused": few & impossible,
+}
+table = every.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
+table = table.join([count(bounds, fitted), count(lance, starting)])
 outcomes = table.fillna(0).astype(int).reset_index()
 
 # %%
@@ -95,32 +105,27 @@ figures.save("regression-outcomes", outcomes, caption=caption, provenance=origin
 # The scatter of the depth is an input of the simulation, so the RMSE in z is no test.
 
 # %%
-fitted = campaigns.from_lance(tables, "trajectories")
-printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])[
-    "value"
-]
-printed = printed.rename(lambda name: name.lower().rstrip("s"), level="fraction")
+counted = campaigns.of_counted(every, tables.flights)
+printed = claims.published("table_5.18").set_index(["fraction", "axis", "measure"])
+printed = printed["value"].rename(lambda name: name.lower().rstrip("s"), level=0)
 printed = printed.rename(str.lower, level="measure")
 rows = []
-for (fraction, part), axis in product(fitted.groupby("fraction", sort=False), "xyz"):
-    fits = {
-        name: part[column.format(axis)]
-        for column, name in comparison.FIT_MEASURES.items()
-    }
+for (fraction, part), axis in product(counted.groupby("fraction", sort=False), "xyz"):
     row = {"fraction": fraction, "axis": axis}
-    row |= {name: values.median() for name, values in fits.items()}
-    row["tracks"] = len(part)
-    row |= {f"{name}_published": printed[fraction.lower(), axis, name] for name in fits}
-    for name, values in fits.items():
-        ends = comparison.interval_columns(comparison.median_of(values, generator))
-        row |= {f"{name}_{side}": ends[side] for side in ("low", "high")}
-    rows.append(row)
-measures = pd.DataFrame(rows)
+    beside = {"tracks": len(part)}
+    ends = {}
+    for name, column in FIT_MEASURES.items():
+        median = comparison.median_columns(part[column.format(axis)], generator)
+        row[name] = median["estimate"]
+        beside[f"{name}_published"] = printed[fraction.lower(), axis, name]
+        ends |= {f"{name}_{side}": median[side] for side in ("low", "high")}
+    rows.append(row | beside | ends)
 caption = (
     "Medians of the measures of the regression over all trajectories from the lance, "
     "both pressures, after Table 5.18, with 95 % intervals (bootstrap over "
     "trajectories). The RMSE in z is an input of the simulation."
 )
+measures = pd.DataFrame(rows)
 figures.save("table-5-18-regression", measures, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -132,48 +137,43 @@ figures.save("table-5-18-regression", measures, caption=caption, provenance=orig
 
 
 # %%
-def first_fits(tables, key, most):
-    """Return the fits of a campaign's first tracks from the lance, and their
-    detections.
-    """
-    flown = campaigns.from_lance(tables, "trajectories")
-    flown = campaigns.of_campaign(flown, key).sort_values("particle").head(most)
-    first = regression.fits(flown[TRAJECTORIES.names])
-    tracks = campaigns.of_campaign(campaigns.from_lance(tables, "tracks"), key)
+def first_fits(key, most):
+    """Return fits and detections of a campaign's first tracks from the lance."""
+    flown = campaigns.of_campaign(counted, key).nsmallest(most, "particle")
+    first = fits(flown[TRAJECTORIES.names])
+    tracks = tables.of(key).tracks.sort_values("particle", kind="stable")
     return first, tracks[tracks["particle"].isin(first)]
 
 
+methods = {order: Regression(lowest=order, highest=order) for order in range(2, 8)}
 rows = []
 for campaign in results.campaigns:  # the first forty trajectories that allow order 7
-    first, tracks = first_fits(results.tables, campaign.key, 40)
-    methods = {order: Regression(lowest=order, highest=order) for order in range(2, 8)}
+    run = campaign.run
+    first, tracks = first_fits(campaign.key, 40)
     long = [k for k, fit in first.items() if fit.points >= methods[7].fewest]
     for particle, order in product(long, methods):
         flown = tracks[tracks["particle"] == particle]
-        exit_mm = first[particle].exit_point_mm
-        fit = regress(flown, exit_mm, campaign.run.frame_rate_hz, methods[order])
+        fit = regress(flown, run.exit_point_mm, run.frame_rate_hz, methods[order])
         for k, axis in enumerate("xyz"):
             row = (*campaign.key, particle, order, axis)
             rows.append((*row, *(getattr(fit, name)[k] for name in AXIS_MEASURES)))
 names = [*KEYS, "particle", "order", "axis", *AXIS_MEASURES]
 each_order = pd.DataFrame(rows, columns=names)
-by_order = (
-    each_order.groupby(["order", "axis"])[list(AXIS_MEASURES)].median().reset_index()
-)
+by_order = each_order.groupby(["order", "axis"])[[*AXIS_MEASURES]].median()
+by_order = by_order.reset_index()
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
 titles = ("RMSE (mm)", "MAPE (%)", "R²", "adjusted R²")
-for axes, name, title in zip(grid.flat, by_order.columns[2:], titles, strict=True):
-    for k, (axis, part) in enumerate(by_order.groupby("axis")):
-        look = {"ls": style.LINES[k], "marker": style.MARKERS[k], "label": axis}
-        axes.plot(part["order"], part[name], **look)
-    axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
+for axes, name, title in zip(grid.flat, AXIS_MEASURES, titles, strict=True):
+    for (axis, part), mark in zip(by_order.groupby("axis"), "os^", strict=False):
+        axes.plot(part["order"], part[name], marker=mark, label=axis)
+    axes.set_ylabel(title)
 plt.setp(grid[1], xlabel="order of the polynomials")
 grid[1, 0].sharey(grid[1, 1])
+grid[0, 0].set_yscale("log")
 grid[0, 0].yaxis.set_major_formatter("{x:g}")
-if not by_order.empty:
-    grid[0, 0].legend(title="axis")
+grid[0, 0].legend(title="axis")
 caption = (
     "Medians of the four measures with the same order along all axes, after Fig. 4.23. "
     "Up to 40 trajectories of each campaign that are long enough for all orders."
@@ -183,20 +183,13 @@ figures.save(
 )
 
 # %%
-steps = (
-    each_order.groupby([*KEYS, "particle", "order"])["r2_adjusted"]
-    .mean()
-    .unstack()
-    .diff(axis=1)
-)
-found = {
-    order: comparison.interval_columns(comparison.median_of(steps[order], generator))
-    for order in steps.columns[1:]
-}
-columns = ["number", "estimate", "low", "high"]
-gains = pd.DataFrame(
-    found.values(), pd.Index(found, name="order"), columns
-).reset_index()
+accuracy = each_order.groupby([*KEYS, "particle", "order"])["r2_adjusted"].mean()
+steps = accuracy.unstack().diff(axis=1)
+rows = []
+for order in steps.columns[1:]:
+    gain = comparison.median_columns(steps[order], generator)
+    rows.append({"order": order, **gain})
+gains = pd.DataFrame(rows, columns=["order", "number", "estimate", "low", "high"])
 caption = (
     "What each order more adds to the adjusted R2 of a trajectory, mean over its axes: "
     "number of trajectories and median with its 95 % interval (bootstrap)."
@@ -207,44 +200,26 @@ figures.save("order-gains", gains.round(5), caption=caption, provenance=origin)
 # ## Trajectories in space
 
 # %% tags=["hide-input"]
-picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 110 / 25.4), layout="none")
+size = {"width_mm": style.PAGE_MM, "height_mm": 110}
+picture, grid = style.canvas(2, 2, **size, subplot_kw={"projection": "3d"})
+picture.set_layout_engine(None)  # else the margins do not apply
 picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
-plt.close(picture)
-keys = [each.key for each in results.campaigns if each.pressure_bar == 4.5][:2]
-shown = [tables.tracks.head(0)]
-for column, key in enumerate(keys):
-    first, tracks = first_fits(tables, key, 8)
-    shown.append(tracks.sort_values("particle", kind="stable"))
-    for row, title in enumerate(("detections (thin) and fits", "grey values")):
-        axes = picture.add_subplot(2, 2, 1 + column + 2 * row, projection="3d")
-        for k, (particle, track) in enumerate(tracks.groupby("particle")):
-            fit = first[particle]
-            colour = style.COLOURS[1 + k % 6]
-            way = plots.upright(fit(np.linspace(fit.t0, fit.last_s, 60)))
-            axes.plot(*way, color=colour, lw=1.4, ls="-")
-            seen = track.dropna(subset="z").sort_values("frame")
-            place = plots.upright(seen[["x", "y", "z"]])
-            if row:
-                axes.scatter(
-                    *place, c=seen["gray"], cmap="inferno", vmin=0, vmax=30_000, s=2
-                )
-            else:
-                axes.plot(*place, color=colour, lw=0.35, ls="-")
-        if fits:
-            lance = plots.upright(fit.exit_point_mm)
-            axes.scatter(*lance, marker="x", color="red", s=25, depthshade=False)
-        plots.label_camera_space(axes)
-        axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the path is longest in depth
-        axes.view_init(elev=15, azim=-65)
-        axes.set_title(f"{key[0]}, {title}", y=0.98)
+parts = {}
+chosen = [each for each in results.campaigns if each.pressure_bar == 4.5]
+for (above, below), campaign in zip(grid.T, chosen, strict=False):
+    first, tracks = first_fits(campaign.key, 8)
+    panels.draw_fits(above, tracks, first, campaign.run.exit_point_mm, gray=False)
+    panels.draw_fits(below, tracks, first, campaign.run.exit_point_mm, gray=True)
+    above.set_title(f"{campaign.fraction}, detections (thin) and fits", y=0.98)
+    below.set_title(f"{campaign.fraction}, grey values", y=0.98)
+    parts[campaign.key] = tracks
 caption = (
     "Fitted trajectories of eight particles each with their detections. Above as thin "
     "lines, below as points from dark (grey value 0) to yellow (30,000 or more); the "
     "red cross is the lance. After Figs 4.22, 4.24 and 5.16."
 )
-data = pd.concat(shown, ignore_index=True)[
-    ["fraction", "particle", "frame", "x", "y", "z", "gray"]
-]
+columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
+data = campaigns.stack(parts)[columns]
 figures.save(
     "fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=origin
 )
@@ -256,46 +231,35 @@ figures.save(
 # without the texture term of Eq. 4.24; its frame differences would take 68 GB.
 
 # %% tags=["hide-input"]
-flying = campaigns.from_lance(tables, "tracks")
+flying = campaigns.of_counted(tables.tracks, tables.flights)
+
+
+def sum_differences(campaign):
+    """Return the sum of the differences of neighbouring frames in the middle."""
+    first = campaign.frames.start + (len(campaign.frames) - pictures) // 2
+    twin = campaigns.twin_of(campaign)
+    frames = (twin.gray(t).astype(float) for t in range(first, first + pictures))
+    return sum(np.abs(now - before) for before, now in pairwise(frames))
+
+
 saved = []
-for k, name in enumerate(
-    dict.fromkeys(each.fraction for each in results.campaigns), start=1
-):
+saved_columns = [*KEYS, "particle", "frame", "row", "col"]
+fractions = dict.fromkeys(each.fraction for each in results.campaigns)
+for k, name in enumerate(fractions, start=1):
     chosen = [each for each in results.campaigns if each.fraction == name]
     picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=125)
     plt.setp(grid.T[len(chosen) :].ravel(), visible=False)
     for (above, below), campaign in zip(grid.T, chosen, strict=False):
-        first = campaign.frames.start + (len(campaign.frames) - pictures) // 2
-        twin = campaigns.twin_of(campaign)
-        frames = (
-            twin.gray(t).astype(np.float32) for t in range(first, first + pictures)
+        panels.draw_stretched(above, sum_differences(campaign), (0.05, 0.999), step=8)
+        above.set_title(f"{name}, {campaign.pressure_bar} bar: frame differences")
+        panels.draw_tracks_below(
+            above, below, campaigns.of_campaign(flying, campaign.key)
         )
-        rows = twin.attributes.rows
-        cols = twin.attributes.columns
-        total = np.zeros((rows, cols))
-        for before, now in pairwise(frames):
-            total += np.abs(now - before)
-        low, high = np.quantile(total, [0.05, 0.999])
-        style.draw_frame(
-            above, np.clip((total - low) / max(high - low, 1.0), 0.0, 1.0), 8
-        )
-        tracks = campaigns.of_campaign(flying, campaign.key)
-        for j, (_, track) in enumerate(tracks.groupby("particle")):
-            look = {"color": style.COLOURS[j % 7], "ls": style.LINES[j % 3], "lw": 0.5}
-            below.plot(track["col"], track["row"], **look)
-        below.set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
-        above.set_title(
-            f"{name}, {campaign.pressure_bar} bar: summed frame differences"
-        )
-        below.set_title(f"{tracks['particle'].nunique()} trajectories from the lance")
-    plt.setp(grid[:, 0], ylabel="row (px)")
     caption = (
         f"{name.capitalize()}s at each pressure: sum of the differences of {pictures} "
         f"neighbouring frames, and trajectories from the lance; after Fig. A.{k}."
     )
-    data = flying.loc[
-        flying["fraction"] == name, [*KEYS, "particle", "frame", "row", "col"]
-    ]
+    data = flying.loc[flying["fraction"] == name, saved_columns]
     name = f"fig-a-{k}-tracks"
     saved.append(
         figures.save(name, data, picture=picture, caption=caption, provenance=origin)
@@ -306,7 +270,7 @@ saved[0]
 saved[1]
 
 # %%
-saved[min(2, len(saved) - 1)]
+saved[-2]
 
 # %%
 saved[-1]
@@ -323,68 +287,55 @@ shares = {"as chosen": rejecting}
 for name in ("F1", "F2"):
     other = variants.varied(results, variants.OTHERS[name], jobs)
     shares[name] = variants.varied(other, variants.rejecting, jobs).tables.flights
-possible = {}
+parts = []
 for name, flown in shares.items():
     here = flown[flown["from_lance"]]
-    accepted = (
-        (here["refused"] == "")
-        .groupby([here[key] for key in KEYS])
-        .agg(["sum", "size"])
-    )
-    possible[name] = accepted.assign(value=name).reset_index()
+    accepted = here["refused"].eq("").groupby([here[key] for key in KEYS])
+    parts.append(accepted.agg(["sum", "size"]).assign(value=name).reset_index())
 caption = (
     "Trajectories from the lance (size) and those that are possible (sum): as chosen, "
     "with the outlet at its true place (F1), and with orders that rise by the RMSE "
     "alone (F2)."
 )
-data = pd.concat(possible.values(), ignore_index=True)
+data = pd.concat(parts)
 figures.save("possible-trajectories", data, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
 
 # %%
-numbers = tables.flights.groupby(KEYS)["from_lance"].sum().tolist()
+numbers = starting.groupby(KEYS).size()
+last = gains[gains["order"] == 7]
+falls = claims.all_of(*map(claims.beyond, -last["high"], -last["low"]))
+holds = comparison.if_complete(numbers, {"fit-4": falls})
+gain = gains.set_index("order")["estimate"].reindex([6, 7])
+measured = f"order 6 {gain[6]:+.4f}, order 7 {gain[7]:+.4f}"
+reason = "Median gain of a trajectory's adjusted R2 by the order, mean over its axes."
+check = claims.check("fit-4", holds["fit-4"], measured, reason)
 
-
-def judge(gains):
-    """Return the verdict: the accuracy falls from order 6 to 7 (adjusted R2)."""
-    last = gains[gains["order"] == 7]
-    answers = [
-        claims.beyond(-high, -low) for low, high in last[["low", "high"]].to_numpy()
-    ]
-    holds = comparison.if_complete(numbers, {"fit-4": claims.all_of(*answers)})["fit-4"]
-    found = gains.set_index("order")["estimate"].reindex([6, 7])
-    measured = f"order 6 {found[6]:+.4f}, order 7 {found[7]:+.4f}"
-    reason = (
-        "Median gain of a trajectory's adjusted R2 by the order, mean over its axes."
-    )
-    return [claims.check("fit-4", holds, measured, reason)]
-
-
-kept = {
-    name: f"{part['sum'].sum()} of {part['size'].sum()}"
-    for name, part in possible.items()
-}
-quantity = "possible trajectories from the lance"
+# %%
+total = data.groupby("value")[["sum", "size"]].sum()
+share = total["sum"].astype(str) + " of " + total["size"].astype(str)
 compared = [
-    choices.compare(name, quantity, chosen=kept["as chosen"], other=kept[name])
+    choices.compare(
+        name,
+        "possible trajectories from the lance",
+        chosen=share["as chosen"],
+        other=share[name],
+    )
     for name in ("F1", "F2")
 ]
-every = len(campaigns.counted_flights(tables.flights))
 compared.append(
     choices.compare(
         "F6",
         "trajectories that count",
-        chosen=f"{every}",
-        other=kept["as chosen"].split()[0],
+        chosen=len(counted),
+        other=str(total["sum"]["as chosen"]),
     )
 )
-impossible = (starting["refused"] != "").sum()
-order = gains.set_index("order")["estimate"].reindex([7])
 result = (
-    f"Of {len(starting)} fitted trajectories from the lance {impossible} are "
+    f"Of {len(starting)} fitted trajectories from the lance {impossible.sum()} are "
     "impossible. Polynomials of order 7 instead of 6 change adjusted R2 by "
-    f"{order[7]:+.4f}."
+    f"{gain[7]:+.4f}."
 )
-figures.conclude(result, judge(gains), origin, choices=compared)
+figures.conclude(result, [check], origin, choices=compared)

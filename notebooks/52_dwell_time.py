@@ -21,7 +21,7 @@
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 scale = "standard"
-seed = 0  # of the scenes, and of the bootstrap
+seed = 0  # random numbers of scenes and bootstrap
 jobs = 2  # processes
 
 # %%
@@ -32,11 +32,18 @@ import pandas as pd
 
 from kilnflight import regression
 from kilnflight.experiments import plots
-from kilnflight.experiments.flights import accuracy, campaigns, comparison, variants
+from kilnflight.experiments.flights import (
+    accuracy,
+    campaigns,
+    comparison,
+    panels,
+    variants,
+)
 from kilnflight.experiments.flights.campaigns import COMPLETE, KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LEFT, LOST, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.publication import choices, claims, figures, style
+from kilnflight.scores.flights import DWELL, DWELL_LONG, DWELL_OUTCOMES, DWELL_SHORT
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 # Endings that could count (choice F5): ours, those whose end was seen, and every one.
@@ -45,14 +52,6 @@ COUNTED = {
     "none that left": (LANDED, BURNT_OUT),
     "all": (*COMPLETE, LOST),
 }
-SHARES = (
-    "dwell 0.3-0.4 s (%)",
-    "dwell > 0.4 s (%)",
-)  # of chips and granules, and of papers
-NO_FALL = (
-    "Least of four differences (s). The printed velocities make no shorter flights "
-    "at 5 bar."
-)
 
 # %%
 style.use_style()
@@ -107,57 +106,43 @@ figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 # the last 20 ms, for at most 50 ms and 0.3 m; these three numbers are ours. What has
 # not met the wall by then left the view, if it ends at its border, or is lost.
 
+
+# %%
+def typical(flown):
+    """Return the flight of median dwell time, its detections and its fit, or None.
+
+    A flight that ends above the lance gives way to the next longer one.
+    """
+    ordered = flown.sort_values("dwell_s", kind="stable")
+    for _, flight in ordered.iloc[(len(ordered) - 1) // 2 :].iterrows():
+        here = results.tables.of(tuple(flight[KEYS]))
+        name = flight["particle"]
+        fit = regression.fits(here.trajectories)[name]
+        if straight_on(fit, flight["end_s"])[0, 1] <= fit.exit_point_mm[1]:
+            return flight, here.tracks[here.tracks["particle"] == name], fit
+    return None
+
+
 # %% tags=["hide-input"]
 picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-ordered = counted[counted["ignition"].isin([NONE, SEEN])].sort_values(
-    "dwell_s", kind="stable"
-)
+judged = counted[counted["ignition"].isin([NONE, SEEN])]
 shown = []
 handles = {}
 for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
-    kind = comparison.HEAVY if case == CASES[0] else comparison.PAPERS
-    flown = ordered[(cases(ordered) == case) & ordered["fraction"].isin(kind)]
-    axes.set(
-        title=f"({letter}) {case}: none measured", xlabel="depth from the lance (m)"
-    )
-    for index, one in flown.iloc[(len(flown) - 1) // 2 :].iterrows():
-        track, fitted = (
-            part[part["particle"] == one["particle"]].drop(columns=KEYS)
-            for part in (
-                campaigns.of_campaign(t, tuple(one[KEYS])) for t in results.tables[:2]
-            )
-        )
-        fit = regression.fits(fitted)[one["particle"]]
-        if straight_on(fit, one["end_s"])[0, 1] > fit.exit_point_mm[1]:
-            continue  # the next longer one: this one ends above the lance
-        shown.append(index)
-        axes.set_title(
-            f"({letter}) {case}: {one['fraction']}, {one['pressure_bar']} bar"
-        )
-        lit = np.fmin(
-            one["t0_s"] + one["ignition_s"], one["end_s"]
-        )  # the end if it never burns
-        known = track[["x", "y", "z"]].dropna().to_numpy(np.float64)
-        dark = straight_on(fit, np.linspace(one["t0_s"], lit, 60))
-        burning = straight_on(
-            fit, np.linspace(lit, one["end_s"], 60 * int(lit < one["end_s"]))
-        )
-        look = {"color": "black", "mfc": "white", "ms": 5, "lw": 1.0}
-        mark = {LANDED: "s", BURNT_OUT: "o"}[one["ending"]]
-        lance = np.array([fit.exit_point_mm])
-        for places, form, name, more in (
-            (known, ".", "detections", {"color": "0.65", "ms": 2}),
-            (dark, "-", "unlit", look),
-            (burning, "-", "burning", {"color": style.COLOURS[3], "lw": 2.6}),
-            (lance, "x", "lance", {"color": style.COLOURS[1], "ms": 6, "mew": 1.6}),
-            (straight_on(fit, one["end_s"]), mark, f"end: {one['ending']}", look),
-        ):
-            depth, _, up = plots.upright(places - lance)
-            axes.plot(-depth, up, form, label=name if len(places) else None, **more)
-        label = f"dwell time {one['dwell_s']:.2f} s"
-        axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
-        break
-    handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    kind = comparison.PAPERS
+    if case == CASES[0]:
+        kind = comparison.HEAVY
+    known = judged["fraction"].isin(kind) & (cases(judged) == case)
+    found = typical(judged[known])
+    name = "none measured"
+    if found is not None:
+        flight, track, fit = found
+        name = f"{flight['fraction']}, {flight['pressure_bar']} bar"
+        panels.draw_flight(axes, flight, track, fit)
+        shown.append(flight.name)
+    axes.set(title=f"({letter}) {case}: {name}", xlabel="depth from the lance (m)")
+    drawn, labels = axes.get_legend_handles_labels()
+    handles |= dict(zip(labels, drawn, strict=True))
 grid[0, 0].set_ylabel("height over it (m)")
 _ = picture.legend(
     list(handles.values()), list(handles), loc="outside lower center", ncols=6
@@ -225,7 +210,6 @@ figures.save(
 
 # %%
 bars = (4.5, 5.0)
-median = "dwell median (s)"
 others = ("PE granule", *comparison.PAPERS)
 later = [((name, bar), ("wood chip", bar)) for bar in bars for name in others]
 granules = ("PE granule", 4.5)
@@ -234,19 +218,17 @@ longer += [(granules, ("PE granule", 5.0))]
 
 
 def measure(measured):
-    """Return the recovery, the lead of the chips, the delay of the granules, and
-    numbers.
-    """
-    table = comparison.recovery(measured, results.true, "dwell", generator)
+    """Return the recovery, the lead of the chips and the delay of the granules."""
+    table = comparison.recovery(measured, results.true, DWELL_OUTCOMES, generator)
     first, falls = (
-        comparison.differences(measured, results.true, median, pairs, generator)
+        comparison.differences(measured, results.true, DWELL, pairs, generator)
         for pairs in (later, longer)
     )
-    return table, first, falls, [len(each.dwell_s) for each in measured.values()]
+    return table, first, falls
 
 
-table, first, falls, numbers = ours = measure(results.measured)
-lost = table[KEYS].apply(lambda key: len(results.measured[*key].censored_s), axis=1)
+table, first, falls = measure(results.measured)
+lost = table[KEYS].apply(lambda key: results.measured[*key].lost.sum(), axis=1)
 caption = (
     "Dwell times as printed, put in, true in the recordings and measured; measured "
     "minus true with its 95 % interval (bootstrap, Wilson). Number: flights that "
@@ -280,17 +262,12 @@ figures.save("dwell-orders", orders.round(4), caption=caption, provenance=origin
 # 299 (F9).
 
 # %%
-reduced = campaigns.campaigns(
-    "standard", campaigns.settings_from_labels(scale, seed), seed
-)
-early = [
-    each._replace(
-        run=replace(
-            each.run, detection=replace(each.run.detection, start=100, stop=300)
-        )
-    )
-    for each in reduced
-]
+settings = campaigns.settings_from_labels(scale, seed)
+reduced = campaigns.campaigns("standard", settings, seed)
+early = []
+for each in reduced:
+    detection = replace(each.run.detection, start=100, stop=300)
+    early.append(each._replace(run=replace(each.run, detection=detection)))
 whole = {}
 for name, recorded in (("chosen", reduced), ("other", early)):
     count = [int(campaigns.whole_flights(each).sum()) for each in recorded]
@@ -306,12 +283,14 @@ varied = {
     name: variants.varied(results, change, jobs).measured
     for name, change in variants.OTHERS.items()
 }
-parts = {name: measure(values) for name, values in (endings | varied).items()}
-medians = {name: part[0][part[0]["outcome"] == median] for name, part in parts.items()}
+measured = endings | varied
+parts = {name: measure(values) for name, values in measured.items()}
+medians = {
+    name: recovery[recovery["outcome"] == DWELL.label]
+    for name, (recovery, _, _) in parts.items()
+}
 columns = [*KEYS, "number", "measured", "true", "error", "low", "high", "verdict"]
-data = pd.concat(
-    {name: each[columns] for name, each in medians.items()}, names=["value"]
-)
+data = pd.concat(medians, names=["value"])[columns]
 caption = (
     "Median dwell times: ours, without flights that left the view, with all lost ones, "
     "and with the other value of each choice. Number of flights that count, measured, "
@@ -325,58 +304,75 @@ figures.save("dwell-choices", data.round(4), caption=caption, provenance=origin)
 
 
 # %%
-def judge(table, first, falls, numbers):
-    """Return the verdicts on saved tables of one choice."""
-    most = [
-        comparison.recovered(table, outcome=outcome, pressure_bar=5.0, fraction=name)
-        for outcome, names in zip(
-            SHARES, (comparison.HEAVY, comparison.PAPERS), strict=True
-        )
-        for name in names
-    ]
-    answers = {
-        "dwell-1": comparison.recovered(table, outcome=median),
-        "dwell-2": comparison.all_above(first),
-        "dwell-3": comparison.all_above(falls),
-        "dwell-4": claims.all_of(*most),
-    }
-    holds = comparison.if_complete(numbers, answers)
-    count = table.loc[table["outcome"] == median, "verdict"].value_counts()
-    each = ", ".join(
-        f"{count.get(one, 0)} {one}" for one in ("recovered", "biased", "open")
-    )
-    right = f"{sum(one is True for one in most)} of {len(most)} shares"
-    found = {
-        "dwell-1": (each, "Medians of eight campaigns, within 10 %."),
-        "dwell-2": (
-            first["low"].min(),
-            "Least end of any interval (s); chips at 4.5 bar have none.",
-        ),
-        "dwell-3": (falls["measured"].min(), NO_FALL),
-        "dwell-4": (right, "Shares at 5 bar, within 5 points of the truth."),
-    }
-    return [claims.check(name, holds[name], *told) for name, told in found.items()]
+def printed_shares(table):
+    """Return the rows of heavy fractions that land early at 5 bar, of papers late."""
+    heavy = table["fraction"].isin(comparison.HEAVY)
+    short = heavy & (table["outcome"] == DWELL_SHORT.label)
+    long = ~heavy & (table["outcome"] == DWELL_LONG.label)
+    return table[(short | long) & (table["pressure_bar"] == 5.0)]
 
 
 # %%
-checks = judge(*ours)
+def judge(name):
+    """Return the verdicts with one choice."""
+    table, first, falls = parts[name]
+    median = table["outcome"] == DWELL.label
+    most = printed_shares(table)
+    answers = {
+        "dwell-1": comparison.recovered(table[median]),
+        "dwell-2": comparison.all_above(first),
+        "dwell-3": comparison.all_above(falls),
+        "dwell-4": comparison.recovered(most),
+    }
+    numbers = [len(each.dwell_s) for each in measured[name].values()]
+    holds = comparison.if_complete(numbers, answers)
+    count = table.loc[median, "verdict"].value_counts()
+    count = count.reindex(["recovered", "biased", "open"], fill_value=0)
+    verdicts = ", ".join(f"{number} {verdict}" for verdict, number in count.items())
+    right = f"{(most['verdict'] == 'recovered').sum()} of 4 shares"
+    chips = "Least end of any interval (s); chips at 4.5 bar have none."
+    granules = (
+        "Least of four differences (s). The printed velocities make no shorter flights "
+        "at 5 bar."
+    )
+    return [
+        claims.check(
+            "dwell-1",
+            holds["dwell-1"],
+            verdicts,
+            "Medians of eight campaigns, within 10 %.",
+        ),
+        claims.check("dwell-2", holds["dwell-2"], first["low"].min(), chips),
+        claims.check("dwell-3", holds["dwell-3"], falls["measured"].min(), granules),
+        claims.check(
+            "dwell-4",
+            holds["dwell-4"],
+            right,
+            "Shares at 5 bar, within 5 points of the truth.",
+        ),
+    ]
+
+
+# %%
+checks = judge("ours")
 off = {
     name: comparison.ends(each["error"], "{:+.3f}") for name, each in medians.items()
 }
-compared = [
-    choices.compare(
-        choice,
-        f"error of median dwell times (s){more}",
-        chosen=off["ours"],
-        other=off[name],
-        turns=choices.turned(checks, judge(*parts[name])),
+counting = {"none that left": "none that left counts", "all": "all lost count"}
+compared = []
+for name in (*variants.OTHERS, *counting):
+    quantity = "error of median dwell times (s)"
+    if name in counting:
+        quantity += f", other: {counting[name]}"
+    compared.append(
+        choices.compare(
+            "F5" if name in counting else name,
+            quantity,
+            chosen=off["ours"],
+            other=off[name],
+            turns=choices.turned(checks, judge(name)),
+        )
     )
-    for choice, name, more in (
-        *((name, name, "") for name in variants.OTHERS),
-        ("F5", "none that left", ", other: none that left counts"),
-        ("F5", "all", ", other: all lost count"),
-    )
-]
 compared.append(choices.compare("F9", "whole flights of the standard scale", **whole))
 ours = medians["ours"]
 result = (

@@ -19,20 +19,26 @@
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 scale = "standard"
-seed = 0  # of the scenes, and of the bootstrap
+seed = 0  # random numbers of scenes and bootstrap
 jobs = 2  # processes
 
 # %%
 import numpy as np
 import pandas as pd
 
-from kilnflight import regression
 from kilnflight.experiments import plots
 from kilnflight.experiments.flights import accuracy, campaigns, comparison, variants
 from kilnflight.experiments.flights.campaigns import KEYS
-from kilnflight.flight import straight_on
+from kilnflight.flight import space_sliced_velocity, straight_on
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.scores.flights import METRES
+from kilnflight.regression import fits
+from kilnflight.scores.flights import (
+    MARKS_M,
+    REMAINING,
+    VELOCITIES,
+    VELOCITY_OUTCOMES,
+)
+from kilnflight.simulated.kiln.truth import metre_velocities
 
 # %%
 style.use_style()
@@ -48,44 +54,41 @@ keys = list(results.measured)
 #
 # Eq. 5.8 on the flight that was detected over most metres.
 
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
+# %%
 front = tables.slices[tables.slices["slice_m"] > 0]
 metres = front.groupby([*KEYS, "particle"])["observed"].agg(["sum", "size"])
-longest = metres.sort_values(["sum", "size"], kind="stable").index[-1:]
-passed, name = front.head(0), "flight (no metre was passed)"
-for fraction, bar, particle in longest:
+longest = metres.sort_values(["sum", "size"], kind="stable").index
+passed = front.head(0).drop(columns=KEYS)
+name = "flight (no metre was passed)"
+if len(longest):
+    fraction, bar, particle = longest[-1]
     name = f"{fraction} at {bar} bar"
-    trajectory, flight, passed = (
-        part[part["particle"] == particle].drop(columns=KEYS)
-        for part in (
-            campaigns.of_campaign(table, (fraction, bar)) for table in tables[1:]
-        )
-    )
-    fit = regression.fits(trajectory)[particle]
-    times = np.linspace(fit.t0, flight["end_s"].iloc[0], 60)
-    depth = plots.upright(straight_on(fit, times) - np.array(fit.exit_point_mm))[0]
-    axes.plot(times - fit.t0, -depth, color="black", lw=1.2, ls="-", label="trajectory")
+    here = tables.of((fraction, bar))
+    end_s = here.flights.set_index("particle")["end_s"][particle]
+    fit = fits(here.trajectories)[particle]
+    sliced = space_sliced_velocity(fit, slice_m=1.0, until_s=end_s)
+    passed = sliced[sliced["reached"]].assign(particle=particle)
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
+if len(longest):
+    times = np.linspace(fit.t0, end_s, 60)
+    depth, _, _ = plots.upright(straight_on(fit, times) - np.array(fit.exit_point_mm))
+    look = {"color": "black", "lw": 1.2, "ls": "-", "label": "trajectory"}
+    axes.plot(times - fit.t0, -depth, **look)
     axes.plot(0, 0, "x", color=style.COLOURS[1], ms=6, mew=1.6, label="lance", zorder=3)
-    ahead = passed[passed["slice_m"] > 0].sort_values("slice_m")
-    velocity = ahead["velocity_m_s"].to_numpy()
-    time = np.cumsum(1.0 / velocity)
-    far = ahead["slice_m"].to_numpy()
-    axes.plot(
-        time, far, "o", ms=4, mfc="white", color="black", label="a metre is passed"
-    )
+    ahead = passed[passed["slice_m"] > 0]
+    time = ahead["end_s"] - fit.t0
+    far = ahead["slice_m"]
+    look = {"ms": 4, "mfc": "white", "color": "black", "label": "a metre is passed"}
+    axes.plot(time, far, "o", **look)
     axes.vlines(time, 0, far, color="0.6", lw=0.6, ls=":")
     axes.hlines(far, 0, time, color="0.6", lw=0.6, ls=":")
-    for n, (end, speed) in enumerate(zip(time, velocity, strict=True), start=1):
-        text = f"V{'₀₁₂₃₄₅₆₇₈₉'[n]} = {speed:.1f} m/s"
-        box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
-        look = {
-            "xytext": (4, 0),
-            "textcoords": "offset points",
-            "va": "center",
-            "bbox": box,
-        }
-        axes.annotate(text, (end, n - 0.5), **look)
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 1}
+    look = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+    for n, row in enumerate(ahead.itertuples(), start=1):
+        text = f"V{'₀₁₂₃₄₅₆₇₈₉'[n]} = {row.velocity_m_s:.1f} m/s"
+        axes.annotate(text, (row.end_s - fit.t0, n - 0.5), bbox=white, **look)
     axes.legend(loc="upper left")
 axes.set(xlabel="time from the lance (s)", ylabel="depth from the lance (m)")
 axes.margins(x=0.2)
@@ -93,8 +96,9 @@ caption = (
     f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20. V_n is one metre "
     "over the time between passing metre n - 1 and metre n."
 )
+data = passed[["particle", "slice_m", "velocity_m_s", "observed"]]
 figures.save(
-    "fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin
+    "fig-5-20-slices", data, picture=picture, caption=caption, provenance=origin
 )
 
 # %% [markdown]
@@ -111,19 +115,16 @@ for campaign, ours in accuracy.matched(results):
     known = known.loc[known["longest"] | (known["particle"] < 0), ["track", "particle"]]
     names = {"particle": "track", "velocity_m_s": "measured_m_s"}
     measured = ours.slices.rename(columns=names).merge(known, on="track")
-    true = accuracy.true_flights(campaign).query("whole")
-    true = true.rename(
-        columns={f"velocity_{metre}_m_s": float(metre) for metre in METRES}
-    )
-    true = true.melt(
-        "particle", list(map(float, METRES)), "slice_m", "true_m_s"
-    ).dropna()
-    true = true.astype({"slice_m": float})
-    columns = ["particle", "slice_m", "measured_m_s"]
     measured = measured[measured["slice_m"] > 0]  # not behind the lance
-    parts[campaign.key] = measured[columns].merge(
-        true, "outer", ["particle", "slice_m"]
+    life = campaigns.twin_of(campaign).life
+    true = pd.DataFrame(metre_velocities(life.flights), columns=MARKS_M, dtype=float)
+    true = true.assign(particle=life.table["particle"])
+    true = true[campaigns.whole_flights(campaign)].melt(
+        "particle", var_name="slice_m", value_name="true_m_s"
     )
+    true = true.dropna().astype({"slice_m": float})
+    columns = ["particle", "slice_m", "measured_m_s"]
+    parts[campaign.key] = measured[columns].merge(true, "outer")
 pairs = campaigns.stack(parts)
 printed = comparison.printed_numbers()
 picture = plots.draw_velocity_boxes(sources, keys, printed)
@@ -146,7 +147,7 @@ figures.save(
 
 # %%
 table = comparison.recovery(
-    results.measured, results.true, "velocity|remaining", generator
+    results.measured, results.true, VELOCITY_OUTCOMES, generator
 )
 caption = (
     "Median velocity in depth within each metre, and shares that pass it: printed, put "
@@ -164,17 +165,15 @@ figures.save("velocity-recovery", table.round(3), caption=caption, provenance=or
 # distance).
 
 # %%
+metres = {outcome.label: mark for mark, outcome in zip(MARKS_M, REMAINING, strict=True)}
 remain, bounds = (
-    each.assign(
-        distance_m=each["outcome"].str.extract(r"remaining (\d)")[0].astype(float)
-    )
+    each.assign(distance_m=each["outcome"].map(metres)).dropna(subset="distance_m")
     for each in (table, printed)
 )
-remain = remain.dropna(subset="distance_m")
+remain = remain[[*KEYS, "distance_m", "true", "measured"]]
+bounds = bounds[[*KEYS, "distance_m", "low", "high"]]
 names = {"low": "published_low", "high": "published_high"}
-data = remain[[*KEYS, "distance_m", "true", "measured"]].merge(
-    bounds[[*KEYS, "distance_m", "low", "high"]].rename(columns=names), "left"
-)
+data = remain.merge(bounds.rename(columns=names), "left")
 
 # %% tags=["hide-input"]
 names = dict.fromkeys(name for name, _ in keys)
@@ -214,7 +213,7 @@ figures.save(
 
 # %%
 bars = (4.5, 5.0)
-metre = "velocity 0-1 m (m/s)"
+metre = VELOCITIES[0]
 heavy = [
     ((a, bar), (b, bar))
     for bar in bars
@@ -228,17 +227,14 @@ pressure = [
 
 
 def measure(measured):
-    """Return differences: chips and granules from papers, confetti from shreds, 5 from
-    4.5 bar.
-    """
-    apart, lag, change = (
+    """Return the differences between fractions, between papers, and with pressure."""
+    return [
         comparison.differences(measured, results.true, metre, pairs, generator)
         for pairs in (heavy, papers, pressure)
-    )
-    return apart, lag, change, [len(each.ignition_s) for each in measured.values()]
+    ]
 
 
-apart, lag, change, numbers = ours = measure(results.measured)
+apart, lag, change = ours = measure(results.measured)
 caption = (
     "Differences of median velocities in the first metre (m/s), measured with 95 % "
     "intervals (Newcombe) and true: chips and granules from papers, confetti from "
@@ -260,20 +256,10 @@ varied = {
 }
 rows = []
 for value, each in ({"ours": results.measured} | varied).items():
-    found = comparison.recovery(each, results.true, "velocity 0-1 m", generator)
+    found = comparison.recovery(each, results.true, [metre], generator)
     rows.append(found.assign(value=value))
-columns = [
-    "value",
-    *KEYS,
-    "number",
-    "measured",
-    "true",
-    "error",
-    "low",
-    "high",
-    "verdict",
-]
-first = pd.concat(rows, ignore_index=True)[columns]
+columns = [*KEYS, "number", "measured", "true", "error", "low", "high", "verdict"]
+first = pd.concat(rows, ignore_index=True)[["value", *columns]]
 caption = (
     "Median velocity in the first metre (m/s) with the other value of each choice: "
     "number of flights, measured, true, and measured minus true with its 95 % interval."
@@ -284,11 +270,11 @@ figures.save("velocity-choices", first.round(3), caption=caption, provenance=ori
 # ## Result
 
 # %%
-true = table[table["outcome"] == metre].set_index(KEYS)["true"]
+true = table[table["outcome"] == metre.label].set_index(KEYS)["true"]
 
 
-def judge(apart, lag, change, numbers):
-    """Return the verdicts on saved tables of one choice."""
+def judge(apart, lag, change, values):
+    """Return the verdicts with one choice."""
     most = [comparison.TOLERANCE * true[name, 4.5] for name in change["fraction"]]
     right = [
         claims.within(row.low, row.high, row.true - limit, row.true + limit)
@@ -299,19 +285,20 @@ def judge(apart, lag, change, numbers):
         "vel-6": claims.all_of(*right),
         "vel-7": comparison.all_above(lag),
     }
+    numbers = [len(each.ignition_s) for each in values.values()]
     holds = comparison.if_complete(numbers, answers)
     least = "Least end of any interval (m/s)."
     kept = f"{right.count(True)} of {len(right)}"
-    found = {
-        "vel-1": (apart["low"].min(), least),
-        "vel-6": (kept, "Error of the change below 10 % of the velocity."),
-        "vel-7": (lag["low"].min(), least),
-    }
-    return [claims.check(name, holds[name], *told) for name, told in found.items()]
+    reason = "Error of the change below 10 % of the velocity."
+    return [
+        claims.check("vel-1", holds["vel-1"], apart["low"].min(), least),
+        claims.check("vel-6", holds["vel-6"], kept, reason),
+        claims.check("vel-7", holds["vel-7"], lag["low"].min(), least),
+    ]
 
 
 # %%
-checks = judge(*ours)
+checks = judge(*ours, results.measured)
 off = {
     value: comparison.ends(errors, "{:+.1f}")
     for value, errors in first.groupby("value")["error"]
@@ -322,7 +309,7 @@ compared = [
         "error of medians, first metre (m/s)",
         chosen=off["ours"],
         other=off[name],
-        turns=choices.turned(checks, judge(*measure(values))),
+        turns=choices.turned(checks, judge(*measure(values), values)),
     )
     for name, values in varied.items()
 ]

@@ -20,11 +20,13 @@
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 scale = "standard"
-seed = 0  # of the scenes
+seed = 0  # random numbers of the scenes
 jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 
 # %%
+from itertools import product
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -35,7 +37,7 @@ from scipy import stats
 from kilnflight.experiments import plots
 from kilnflight.experiments.flights import campaigns
 from kilnflight.publication import figures, style
-from kilnflight.scores.flights import METRES, outcomes
+from kilnflight.scores.flights import MARKS_M, NUMBER, VELOCITY_OUTCOMES
 from kilnflight.simulated.kiln import truth
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import ENDS, LONGEST_S, released
@@ -66,8 +68,8 @@ age = np.arange(0.0, LONGEST_S, 0.004)[:, None]  # s
 
 def sampled(flights, what):
     """Return positions or velocities (n, samples, 3), NaN after the end of a flight."""
-    values = what(age + np.zeros(len(flights.end_s)))
-    values[age[:, 0, None] > flights.end_s] = np.nan
+    values = what(np.broadcast_to(age, (len(age), len(flights.end_s))))
+    values[age > flights.end_s] = np.nan
     return values.swapaxes(0, 1)
 
 
@@ -90,13 +92,14 @@ for k, name in enumerate(names[::2]):
     plots.label_space(axes, labels, (0, -4, -4), -1)
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
     axes.set_title(f"{name}, {bar} bar")
-ends = [
-    (name, ENDS[end], (each.end == end).sum(), np.median(depth[each.end == end]))
-    for name, each in flown.items()
-    for depth in [np.nanmax(paths[name][..., 0], axis=1)]
-    for end in np.unique(each.end)
-]
-data = pd.DataFrame(ends, columns=["fraction", "end", "particles", "median_depth_m"])
+rows = []
+for name, each in flown.items():
+    depth = np.nanmax(paths[name][..., 0], axis=1)
+    for end in np.unique(each.end):
+        deep = depth[each.end == end]
+        row = {"fraction": name, "end": ENDS[end], "particles": len(deep)}
+        rows.append(row | {"median_depth_m": np.median(deep)})
+data = pd.DataFrame(rows)
 caption = (
     "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the table: how "
     "all end, and how deep."
@@ -112,23 +115,19 @@ figures.save(
 # %% tags=["hide-input"]
 def draw_paths(values, label):
     """Draw flights from the side, coloured by one value each or one per sample."""
-    picture, grid = style.canvas(
-        2, 2, width_mm=style.PAGE_MM, height_mm=95, sharex=True, sharey=True
-    )
-    limits = np.nanquantile(
-        np.concatenate([each.ravel() for each in values.values()]), [0.05, 0.95]
-    )
+    size = {"width_mm": style.PAGE_MM, "height_mm": 95}
+    picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
+    every = np.concatenate([each.ravel() for each in values.values()])
+    limits = np.nanquantile(every, [0.05, 0.95])
     for axes, (name, each) in zip(grid.flat, paths.items(), strict=False):
         side = each[:SHOWN, :, [0, 2]]
-        every = np.broadcast_to(
-            values[name][:SHOWN].reshape(len(side), -1), side.shape[:2]
-        )
+        shown = values[name][:SHOWN].reshape(len(side), -1)
+        colour = np.broadcast_to(shown, side.shape[:2])
         steps = np.stack([side[:, :-1], side[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
         known = np.isfinite(steps).all(axis=(2, 3))
-        lines = LineCollection(
-            list(steps[known]), cmap="viridis", linewidths=0.6, linestyles="-"
-        )
-        lines.set(array=every[:, :-1][known], clim=limits)
+        look = {"cmap": "viridis", "linewidths": 0.6, "linestyles": "-"}
+        lines = LineCollection(list(steps[known]), **look)
+        lines.set(array=colour[:, :-1][known], clim=limits)
         axes.add_collection(lines)
         axes.autoscale_view()
         axes.set(title=f"{name}, {bar} bar", xlabel="from the lance (m)")
@@ -139,15 +138,13 @@ def draw_paths(values, label):
 
 
 # %%
-picture = draw_paths(
-    {name: each.end_s for name, each in flown.items()}, "dwell time (s)"
-)
-parts = {
-    name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.along(each.end_s)})[
-        :SHOWN
-    ]
-    for name, each in flown.items()
-}
+dwell_s = {name: each.end_s for name, each in flown.items()}
+picture = draw_paths(dwell_s, "dwell time (s)")
+parts = {}
+for name, each in flown.items():
+    along = each.along(each.end_s)
+    table = pd.DataFrame({"end_s": each.end_s, "along_kiln_m": along})
+    parts[name] = table.head(SHOWN)
 data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 caption = (
     f"{SHOWN} simulated flights of each fraction from the side, coloured by dwell time "
@@ -164,12 +161,10 @@ ends = {
     "q3": "q75",
     "whishi": "whisker_high",
 }
-rows = [
-    {"source": source, "fraction": name}
-    | boxplot_stats(values[name, pressure].dwell_s)[0]
-    for source, values in sources.items()
-    for name, pressure in simulated
-]
+rows = []
+for (source, values), key in product(sources.items(), simulated):
+    (box,) = boxplot_stats(values[key].dwell_s)
+    rows.append({"source": source, "fraction": key[0], **box})
 data = pd.DataFrame(rows).rename(columns=ends)[["source", "fraction", *ends.values()]]
 picture = plots.draw_dwell_boxes(sources, list(simulated))
 caption = (
@@ -182,10 +177,10 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 # ## Velocity in depth
 
 # %%
-speeds = {name: sampled(each, each.velocity)[..., 0] for name, each in flown.items()}
-picture = draw_paths(speeds, "velocity in depth (m/s)")
+inward = {name: sampled(each, each.velocity)[..., 0] for name, each in flown.items()}
+picture = draw_paths(inward, "velocity in depth (m/s)")
 parts = {
-    name: pd.DataFrame(each.velocity_m_s[:SHOWN], columns=METRES)
+    name: pd.DataFrame(each.velocity_m_s[:SHOWN], columns=MARKS_M)
     for (name, _), each in simulated.items()
 }
 table = pd.concat(parts, names=["fraction", "flight"]).reset_index()
@@ -204,17 +199,18 @@ figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance
 
 # %%
 picture = plots.draw_velocity_boxes(sources, list(simulated))
+compared = [outcome for outcome in VELOCITY_OUTCOMES if outcome.kind != NUMBER]
 tables = {}
-for name, values in sources.items():
-    every = {key: outcomes(each).to_dict() for key, each in values.items()}
-    tables[name] = campaigns.rows_by_campaign(every)
-    tables[name].insert(
-        2, "particles", [len(each.ignition_s) for each in values.values()]
-    )
+for source, values in sources.items():
+    rows = {}
+    for key, each in values.items():
+        low, high = pd.DataFrame(each.velocity_m_s).quantile([0.25, 0.75]).to_numpy()
+        rows[key] = {"particles": len(each.ignition_s)}
+        rows[key] |= {outcome.label: outcome.estimate(each) for outcome in compared}
+        for mark, spread in zip(MARKS_M, high - low, strict=True):
+            rows[key][f"spread {mark - 1}-{mark} m (m/s)"] = spread
+    tables[source] = campaigns.rows_by_campaign(rows)
 data = pd.concat(tables, names=["source"]).reset_index("source")
-data = data.filter(
-    regex="^(source|fraction|pressure|particles|velocity|remaining|spread)"
-)
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of "
     "particles that passed it; after the right part of Fig. A.7."
@@ -233,7 +229,9 @@ figures.save(
 apart = []
 for key in simulated:
     both = [values[key] for values in sources.values()]
-    for pair in ([v.dwell_s for v in both], [v.velocity_m_s[:, 0] for v in both]):
+    dwell = [each.dwell_s for each in both]
+    first_metre = [each.velocity_m_s[:, 0] for each in both]
+    for pair in (dwell, first_metre):
         first, second = (each[np.isfinite(each)] for each in pair)
         if len(first) and len(second):
             apart.append(stats.ks_2samp(first, second).pvalue < 0.05)

@@ -17,7 +17,7 @@
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 scale = "standard"
-seed = 0  # of the scenes, and of the bootstrap
+seed = 0  # random numbers of scenes and bootstrap
 jobs = 2  # processes
 
 # %%
@@ -29,7 +29,7 @@ from kilnflight.experiments.flights import accuracy, campaigns, trackers, tracki
 from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.experiments.flights.track_scores import STAGES, tabulate
 from kilnflight.publication import figures, style
-from kilnflight.scores.flights import quartiles
+from kilnflight.scores.flights import DWELL
 from kilnflight.tracklets import tracked
 
 # %%
@@ -47,7 +47,21 @@ whole = budget[budget["replaced_step"] == accuracy.WHOLE].reset_index(drop=True)
 # rejected. A flight that left the view has the time until then, a lost one no dwell
 # time.
 
+
 # %%
+def error_texts(row, name, unit):
+    """Return error and scatter of a quantity of one campaign as text."""
+    short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
+    names = (f"error of {short}", f"scatter of {short}")
+    if not row[f"{name}_n"]:
+        return dict.fromkeys(names, "")
+    interval = "[fewer than six]"
+    if np.isfinite(row[f"{name}_low"]):
+        interval = f"[{row[f'{name}_low']:+.3f}, {row[f'{name}_high']:+.3f}]"
+    error = f"{row[f'{name}_bias']:+.3f} {interval}"
+    return dict(zip(names, (error, f"{row[f'{name}_spread']:.3f}"), strict=True))
+
+
 rows = {}
 short_s = {}
 for row in whole.to_dict("records"):
@@ -56,20 +70,12 @@ for row in whole.to_dict("records"):
     count = f"{row['detected_particles']:.0f} of {row['measurable_particles']:.0f}"
     text = rows[key] = {"detected": f"{count} {share}"}
     for name, unit in accuracy.QUANTITIES.items():
-        kinds = ("n", "bias", "low", "high", "spread")
-        number, bias, low, high, spread = (row[f"{name}_{kind}"] for kind in kinds)
-        interval = (
-            f"[{low:+.3f}, {high:+.3f}]" if np.isfinite(low) else "[fewer than six]"
-        )
-        short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
-        text[f"error of {short}"] = f"{bias:+.3f} {interval}" if number else ""
-        text[f"scatter of {short}"] = f"{spread:.3f}" if number else ""
-    medians = [
-        quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true)
-    ]
-    short_s[key] = medians[1] - medians[0]
-    ours, real = (f"{each:.3f}" if np.isfinite(each) else "unknown" for each in medians)
-    text["campaign dwell (s)"] = f"{ours}, true {real}"
+        text |= error_texts(row, name, unit)
+    ours = DWELL.estimate(results.measured[key])
+    real = DWELL.estimate(results.true[key])
+    short_s[key] = real - ours
+    dwell = f"{ours:.3f}, true {real:.3f}".replace("nan", "unknown")
+    text["campaign dwell (s)"] = dwell
     text["false flights"] = f"{row['false_flights']:.0f} of {row['flights']:.0f}"
     for kind in ("lit", "unlit"):
         found = f"{row[f'{kind}_detected']:.0f} of {row[kind]:.0f}"
@@ -93,13 +99,9 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # the thesis.
 
 # %%
-columns = [
-    *KEYS,
-    "replaced_step",
-    "measurable_particles",
-    "detected_particles",
-    "false_flights",
-]
+columns = [*KEYS, "replaced_step"]
+columns += ["measurable_particles", "detected_particles", "false_flights"]
+kinds = ("n", "bias", "low", "high", "spread")
 columns += [f"{name}_{kind}" for name in accuracy.QUANTITIES for kind in kinds]
 data = budget[columns]
 
@@ -113,20 +115,20 @@ labels = (
 picture, grid = style.canvas(3, 1, width_mm=style.PAGE_MM, height_mm=150, sharex=True)
 groups = data.groupby(["replaced_step", "fraction"])
 for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict=True):
-    bias, spread = (
-        groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread")
-    )
+    bias = groups[f"{quantity}_bias"].mean().unstack()
+    spread = groups[f"{quantity}_spread"].mean().unstack()
     for k, step in enumerate(data["replaced_step"].unique()):
         place = np.arange(len(names)) + 0.11 * (k - 3)
         look = {
             "color": [*style.COLOURS, "0.5"][k],
             "marker": [*style.MARKERS, "*"][k],
             "ms": 3,
+            "ls": "",
+            "lw": 0.8,
+            "label": step,
         }
-        ends = spread.loc[step, names]
-        axes.errorbar(
-            place, bias.loc[step, names], ends, ls="", lw=0.8, label=step, **look
-        )
+        middle = bias.loc[step, names]
+        axes.errorbar(place, middle, spread.loc[step, names], **look)
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)
 picture.legend(

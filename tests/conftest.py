@@ -42,6 +42,20 @@ settings.register_profile(
 settings.load_profile("untimed")
 
 
+FIRST = ("test_site_pages.py", "test_makefile.py")  # take longest
+LAST = ("test_notebooks.py",)  # waits for what the first of them runs
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest files, so that processes end together."""
+
+    def rank(item):
+        name = item.path.name
+        return (name in LAST) - (name in FIRST)
+
+    items.sort(key=rank)
+
+
 @pytest.fixture(autouse=True)
 def own_folders(tmp_path, monkeypatch):
     """Keep every test away from the project's figures and from the caller's settings."""
@@ -52,16 +66,11 @@ def own_folders(tmp_path, monkeypatch):
 
 
 def _authors_data() -> Path | None:
+    """Return the folder that KILNFLIGHT_EXTERNAL names, or that of `make data`."""
     named = os.environ.get("KILNFLIGHT_EXTERNAL")
-    folders = [Path(named)] if named else []
-    folders += [
-        PROJECT / "data" / "external",
-        PROJECT.parent / "shared" / "data" / "belt_dem",
-    ]
-    names = data.BELT_DEM.values()
-    return next(
-        (f for f in folders if all((f / name).is_file() for name in names)), None
-    )
+    folder = Path(named or PROJECT / "data" / "external")
+    there = all((folder / name).is_file() for name in data.BELT_DEM.values())
+    return folder if there else None
 
 
 AUTHORS_DATA = _authors_data()
@@ -168,11 +177,11 @@ def _run_all(folder: Path) -> None:
 
 @pytest.fixture
 def seeds() -> Path:
-    """The folder with the three publications."""
-    folder = PROJECT.parent / "shared" / "seeds"
-    if not folder.is_dir():
-        pytest.skip("the publications' texts are not here (they are not ours to ship)")
-    return folder
+    """The folder with the texts of the three works; KILNFLIGHT_WORKS names it."""
+    folder = os.environ.get("KILNFLIGHT_WORKS")
+    if not folder:
+        pytest.skip("KILNFLIGHT_WORKS names no texts of the works (not ours to ship)")
+    return Path(folder)
 
 
 @pytest.fixture

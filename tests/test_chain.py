@@ -134,7 +134,7 @@ def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
 
 def test_a_worker_of_another_version_or_elsewhere_is_refused(run):
     def work_for_another_version(make, pieces, *_):
-        make((run, pieces[0][1], paths.derived() / "detections-0.parquet"))
+        make((paths.derived() / "detections-0.parquet", pieces[0][1]))
 
     run = replace(
         run, detection=replace(run.detection, detector=Combination(DoG(302.0)))

@@ -1,7 +1,8 @@
-"""The size of the code against the limits in pyproject.toml, counted in tokens.
+"""Size and density of the code against the limits in pyproject.toml.
 
 A token is a name, number, string or sign of code. Docstrings, comments and blank lines
-have none, so that joining lines makes nothing smaller and explaining costs nothing.
+have none, so that joining lines makes nothing smaller and explaining costs nothing. An
+idiom joins in one statement what would be clearer in two.
 """
 
 import ast
@@ -51,6 +52,64 @@ def tokens_by_function(text: str) -> dict[str, int]:
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.FunctionDef)
     }
+
+
+def is_literal_text_or_list(node: ast.expr) -> bool:
+    """Return whether a factor is a text or a list."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, str)
+    return isinstance(node, ast.JoinedStr | ast.List)
+
+
+def idiom_of(node: ast.AST) -> str | None:
+    """Return the name of the idiom that a node is, if it is one."""
+    if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+        if isinstance(node.targets[0], ast.Tuple):
+            return "parallel_assignment"
+    elif isinstance(node, ast.IfExp):
+        return "conditional_expression"
+    elif isinstance(node, ast.NamedExpr):
+        return "assignment_in_expression"
+    elif isinstance(node, ast.For) and ast.unparse(node.iter).endswith("[:1]"):
+        return "loop_over_slice_of_one"
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        sides = (node.left, node.right)
+        conditions = [isinstance(side, ast.Compare | ast.BoolOp) for side in sides]
+        if any(conditions) and any(map(is_literal_text_or_list, sides)):
+            return "arithmetic_with_condition"
+    return None
+
+
+def idioms(text: str) -> Counter[str]:
+    """Count the idioms of a file by name."""
+    found = (idiom_of(node) for node in ast.walk(ast.parse(text)))
+    return Counter(name for name in found if name)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("a, b = x, y", "parallel_assignment"),
+        ("a = b if c else d", "conditional_expression"),
+        ("if (a := b()) > 1: pass", "assignment_in_expression"),
+        ("for a in b[c][:1]: pass", "loop_over_slice_of_one"),
+        ("a = '_' * (b == c)", "arithmetic_with_condition"),
+    ],
+)
+def test_an_idiom_is_known(text, name):
+    assert idioms(text) == {name: 1}
+    assert idioms("a, b = f(x)\nc = 2 * [0]\nfor d in e: pass\n") == {}
+
+
+def test_a_line_holds_one_thought():
+    texts = [path.read_text("utf-8") for path in PACKAGE]
+    counts = [tokens_by_line(text) for text in texts]
+    lines = sum(map(len, counts))
+    assert sum(count.total() for count in counts) / lines <= LIMITS["tokens_a_line"]
+    found = sum((idioms(text) for text in texts), Counter())
+    limits = LIMITS["idioms"]
+    share = {name: 1000 * count / lines for name, count in found.items()}
+    assert {name: n for name, n in share.items() if n > limits[name]} == {}
 
 
 def test_neither_docstrings_nor_comments_nor_line_breaks_count():

@@ -36,11 +36,7 @@ figures.conclude("Seed " + str(seed), [], origin)
 STAND_IN = """#!/bin/sh
 echo "$KILNFLIGHT_FIGURES $*" >> asked
 case "$*" in
-*publication.notebooks*)
-    stem=$(basename "$3" .py) figures=${KILNFLIGHT_FIGURES:-$PWD/figures}
-    echo "$stem: running"
-    mkdir -p "$figures" && touch "$5/$stem.ipynb" "$figures/$stem.csv"
-    echo "$figures/$stem.csv" >> "$5/$stem.saved" ;;
+*publication.schedule*) mkdir -p "build/$3" && touch "build/$3/ran" ;;
 *generate.py\\ build*) mkdir -p site && touch site/index.html ;;
 esac
 """
@@ -169,67 +165,32 @@ def test_make_goes_on_where_it_was_stopped(real):
     assert ran(done) == ["26_two", "00_claims"]
     assert not (real / "build" / "standard" / "26_two.failed.ipynb").exists()
     assert "Seed 1" in (real / "site" / "02_one.html").read_text()
+    page = real / "site" / "index.html"
+    made = page.stat().st_mtime_ns
     again = make(real)
     assert ran(again) == []
     assert "up to date" in again.stdout
-
-
-def test_make_is_incremental(project):
-    assert sorted(ran(make(project))) == STEMS
-    assert ran(make(project)) == []
-    (project / "notebooks" / "26_two.py").touch()
-    assert ran(make(project)) == ["26_two", "00_claims"]
-    (project / "build" / "standard" / "figures" / "02_one.csv").unlink()
-    assert ran(make(project)) == ["02_one", "00_claims"]
-    assert ran(make(project, "PARAMETERS=02.seed=5")) == ["02_one", "00_claims"]
-    assert make(project, "help").returncode == 0  # leaves the settings alone
-    assert ran(make(project, "PARAMETERS=02.seed=5")) == []
-    (project / "analysis" / "kilnflight" / "camera.py").touch()
-    assert sorted(ran(make(project, "PARAMETERS=02.seed=5"))) == STEMS
+    assert page.stat().st_mtime_ns == made
+    os.utime(real / "docs" / "index.md")
+    assert "rendering" in make(real).stdout
+    assert "rendering" not in make(real).stdout
 
 
 @pytest.mark.parametrize("scale", ["quick", "standard", "full"])
 def test_full_alone_writes_what_is_cited(project, scale):
-    done = make(project, scale, "PARAMETERS=seed=7", "JOBS=2")
+    done = make(project, scale, "PARAMETERS=seed=7 26.draws=9", "JOBS=2", "ONLY=26")
     assert done.returncode == 0, done.stderr
-    assert sorted(ran(done)) == STEMS
-    assert ran(done)[-1] == "00_claims"
     reduced = "" if scale == "full" else f"{project}/build/{scale}/figures"
     assert (f"build/{scale}/figures" in done.stdout) == bool(reduced)
     lines = (project / "asked").read_text().splitlines()
     commands = [line.partition(" ")[::2] for line in lines]  # figures' folder, command
-    for folder, command in commands:
-        if "publication.notebooks" in command or "generate.py build" in command:
-            assert folder == reduced
-        if "publication.notebooks" in command:
-            assert command.endswith(f"--build build/{scale} -p scale={scale} -p seed=7")
+    (asked,) = [each for each in commands if "publication.schedule" in each[1]]
+    settings = "--jobs 2 --only 26 --parameters seed=7 26.draws=9"
+    assert asked == (reduced, f"-m kilnflight.publication.schedule {scale} {settings}")
+    (rendered,) = [each for each in commands if "generate.py build" in each[1]]
+    assert rendered == (reduced, f"docs/generate.py build/{scale} site")
     written = [command for _, command in commands if "--readme" in command]
     assert written == ["docs/generate.py --readme"] * (scale == "full")
-
-
-def test_campaigns_come_before_those_that_take_their_tables(project):
-    stems = ["23_compiles", "45_belt", "50_campaigns", "52_late", "60_early"]
-    for stem in stems:
-        write(project, stem)
-    for scale in ("standard", "full"):
-        order = ran(make(project, scale, "JOBS=2"))
-        assert sorted(order) == sorted([*STEMS, *stems])
-        assert set(order[:2]) == {
-            "23_compiles",
-            "45_belt",
-        }  # the belt shares no compiled code
-        assert order.index("50_campaigns") < order.index("52_late")
-        if scale == "full":  # nothing runs beside it
-            assert order[-3:] == ["50_campaigns", "52_late", "00_claims"]
-        assert order[-1] == "00_claims"
-    lines = (project / "asked").read_text().splitlines()
-    started = [line for line in lines if "publication.notebooks" in line]
-    assert [
-        line.split()[2][10:12] for line in started if line.endswith("-p 50.jobs=2")
-    ] == ["50"]
-    (project / "notebooks" / "52_late.py").touch()
-    (project / "notebooks" / "60_early.py").touch()
-    assert ran(make(project, "SCALE=full", "build/full/52_late.ipynb")) == ["52_late"]
 
 
 def test_a_wrong_parameter_of_a_late_notebook_stops_all(real):

@@ -1,8 +1,10 @@
 """kilnflight: how to see particles fly, as a package that can be checked.
 
-In Python the steps on a recording of one's own are `kilnflight.open`, `detect`, `track`
-and `plot_tracks` (see `kilnflight.film`), for example ``tracks =
-kilnflight.track(detections)``.
+The public names are `__all__`: ``tracks = kilnflight.track(detections)``. A first try::
+
+    film = kilnflight.sample_film()
+    tracks = kilnflight.track(kilnflight.detect(film.frames))
+    kilnflight.plot_tracks(film.frames, tracks).savefig("tracks.png")
 
 One particle enters as light on a sensor and leaves as a number in a report::
 
@@ -14,28 +16,31 @@ One particle enters as light on a sensor and leaves as a number in a report::
 
 The rooms:
 
-===============  ===============================================================
-room             what it does
-===============  ===============================================================
-recording        frames: films, pictures, arrays, manifests, Zarr; tables of tracks
-camera           depth calibration, Eq. 2.4 of the thesis background       six
-background models, section 2.2.1 of the thesis detection        Otsu, DoG; DBSCAN, MO,
-QCC; combined 2D+3D detector; the wall association      gated pairs -> weights: NN, GNN,
-PDA, exact JPDA tracking         detections -> tracks: predict, gate, associate, update
-tracklets        tracklets -> trajectories, chapter 4.2 regression       trajectories ->
-polynomials through the lance's outlet, chapter 4.3 flight           trajectories ->
-flights: dwell time, velocity by metre, section 5.3 ignition         when a particle
-ignites scores           detections, tracks and flights against the truth, with
-intervals tables, checks   columns and units of every table; checks of input and their
-error arrays           types of arrays chain            the whole way from a frame to a
-flight film             a film of one's own: settings, detection, tracks, doubts,
-report, pictures belt             the sorter of both papers: spots, tracker, models,
-valves simulated.kiln   a kiln whose truth is known (the twin): flights as printed,
-camera, scenes simulated.belt   what the belt's camera sees: rendered pictures, a small
-model of the belt experiments      what two notebooks share, or is longer than a page
-publication      figures, claims, choices, notebooks, fetched data; no physics store
-files written whole: cached tables, folders, an index; processes
-===============  ===============================================================
+==============  ====================================================================
+room            what it does
+==============  ====================================================================
+recording       frames: films, pictures, arrays, manifests, Zarr; tables of tracks
+camera          depth calibration, Eq. 2.4 of the thesis
+background      six background models, section 2.2.1 of the thesis
+detection       Otsu, DoG; DBSCAN, MO, QCC; combined 2D+3D detector; the wall
+association     gated pairs -> weights: NN, GNN, PDA, exact JPDA
+tracking        detections -> tracks: predict, gate, associate, update
+tracklets       tracklets -> trajectories, chapter 4.2
+regression      trajectories -> polynomials through the lance's outlet, chapter 4.3
+flight          trajectories -> flights: dwell time, velocity by metre, section 5.3
+ignition        when a particle ignites
+scores          detections, tracks and flights against the truth, with intervals
+tables, checks  columns and units of every table; checks of input and their error
+arrays          types of arrays
+chain           the whole way from a frame to a flight
+film            a film of one's own: settings, detection, tracks, doubts, report
+simulated.kiln  a kiln whose truth is known (the twin): flights, camera, scenes
+simulated.belt  what the belt's camera sees: pictures, a small model of the belt
+belt            the sorter of both papers: spots, tracker, models, valves
+experiments     protocols of detection, flights and belt, which notebooks share
+publication     figures, claims, choices, notebooks, fetched data; no physics
+store           files written whole: cached tables, folders, an index; processes
+==============  ====================================================================
 """
 
 import importlib
@@ -44,32 +49,104 @@ import tempfile
 from pathlib import Path
 
 __version__ = "0.2.0"
-# Module and name of each step that is imported on first use: that takes seconds.
-STEPS = {
-    "detect": ("kilnflight.film.run", "detect"),
-    "open": ("kilnflight.recording.files", "open_any"),
-    "plot_tracks": ("kilnflight.film.pictures", "plot_tracks"),
-    "preview": ("kilnflight.film.pictures", "preview"),
-    "run": ("kilnflight.film.run", "run_recording"),
-    "track": ("kilnflight.film.run", "track_detections"),
+# The public names by task, with the module that each is imported from on first use.
+PUBLIC = {
+    # open a film
+    "open": "recording.files:open_any",
+    "sample_film": "simulated.kiln.sample",
+    "Frame": "recording.frames",
+    "Attributes": "recording.frames",
+    "open_recording": "recording.store",
+    "write_recording": "recording.store",
+    "read_table": "recording.track_files",
+    "write_table": "recording.track_files",
+    "calibrate_depth": "camera",
+    "DepthCalibration": "camera",
+    # take the background off
+    "TwoFrame": "background",
+    "ThreeFrame": "background",
+    "Mean": "background",
+    "Median": "background",
+    "Adaptive": "background",
+    "RunningGaussian": "background",
+    # detect
+    "detect": "film.run",
+    "preview": "film.pictures",
+    "DoG": "detection",
+    "Otsu": "detection",
+    "DBSCAN": "detection",
+    "MorphologicalClustering": "detection",
+    "QuasiClusterCenters": "detection",
+    "Combination": "detection.combination",
+    "Cylinder": "detection.wall",
+    "fit_cylinder": "detection.wall",
+    "InAir": "detection.wall",
+    "inside": "detection.region",
+    # track
+    "track": "film.run:track_detections",
+    "plot_tracks": "film.pictures",
+    "NearestNeighbor": "association",
+    "GNN": "association",
+    "PDA": "association",
+    "JPDA": "association",
+    "joint_probabilities": "association",
+    "ConstantVelocity": "tracking.filter",
+    "Gate": "tracking.filter",
+    "Management": "tracking.tracker",
+    # join
+    "postprocess": "tracklets",
+    "Elimination": "tracklets",
+    "Connection": "tracklets",
+    "Fusion": "tracklets",
+    "OutlierRemoval": "tracklets",
+    "Cutting": "tracklets",
+    # fit, and measure flights
+    "regress": "regression",
+    "Regression": "regression",
+    "flights": "flight",
+    "kept": "flight",
+    "space_sliced_velocity": "flight",
+    "Ignition": "ignition",
+    # score
+    "score_detections": "scores",
+    "rates": "scores",
+    "score_tracks": "scores",
+    "square_displacements": "film.spreading",
+    "diffusion": "film.spreading",
+    # sort
+    "PredictionPhase": "belt",
+    "BeltTracker": "belt.tracker",
+    "ARRIVAL_MODELS": "belt",
+    "LATERAL_MODELS": "belt",
+    "calibrate_camera": "belt.camera",
+    "sort_pictures": "belt.online",
+    "ValveBar": "belt.valves",
+    # run all of it
+    "run": "film.run:run_recording",
+    "Options": "film.settings",
+    "Workers": "store.parallel",
+    "Chain": "chain",
 }
+__all__ = [*PUBLIC]
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(200_000_000))  # else 2^30
-if not any(
-    os.access(place, os.W_OK) for place in (*__path__, os.environ.get("HOME", "/"))
-):
-    # Compiled code has no other place. It is taken only from a folder that is this
-    # user's own.
+HOMES = (*__path__, os.environ.get("HOME", "/"))
+if not any(os.access(place, os.W_OK) for place in HOMES):
+    # Compiled code has no other place. It is taken only from a folder of this user.
     own = Path(tempfile.gettempdir(), f"kilnflight-{os.getuid()}")
     own.mkdir(mode=0o700, exist_ok=True)
-    os.environ.setdefault(
-        "NUMBA_CACHE_DIR", f"{own}" * (own.lstat().st_uid == os.getuid())
-    )
+    trusted = own.lstat().st_uid == os.getuid()
+    os.environ.setdefault("NUMBA_CACHE_DIR", f"{own}" if trusted else "")
 
 
 def __getattr__(name: str) -> object:
-    """Return a step on a recording of one's own, imported on first use."""
-    if name not in STEPS:
+    """Return a public name, imported on first use: that takes seconds."""
+    if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, function = STEPS[name]
-    return getattr(importlib.import_module(module), function)
+    module, _, renamed = PUBLIC[name].partition(":")
+    return getattr(importlib.import_module(f"{__name__}.{module}"), renamed or name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names; they are imported on first use."""
+    return [*__all__, "__version__"]

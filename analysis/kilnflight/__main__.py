@@ -6,8 +6,9 @@ import argparse
 import os
 import signal
 import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from kilnflight import __version__
 
@@ -16,55 +17,55 @@ from kilnflight import __version__
 
 def main(arguments: list[str] | None = None) -> None:
     """Import, export and inspect recordings; preview, track or run it all."""
-    options = (parser := _parser()).parse_args(arguments)
-    for number in (
-        signal.SIGTERM,
-        signal.SIGHUP,
-    ):  # as Ctrl-C, which ends all processes
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # like Ctrl-C, which ends all processes
         signal.signal(number, signal.default_int_handler)
     warnings.showwarning = lambda text, *_: print(f"warning: {text}")
     try:
         options.function(options)
-    # ValueError: `InputError`, and what libraries say of settings; OSError: of a full
-    # disk, too
+    # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
     except (ValueError, OSError, KeyboardInterrupt) as error:
         parser.exit(2, f"kilnflight {options.command}: {str(error) or 'stopped'}\n")
 
 
-def _opened(options: argparse.Namespace) -> Any:
+def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
+    """Return the recording of a command; ``target`` must not lie in it."""
     from kilnflight.film.run import check_apart
     from kilnflight.recording.files import open_any
 
-    if not any(
-        Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent)).rglob("*.nbi")
-    ):
+    compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
+    if not any(compiled.rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
     recording = open_any(options.recording, channel=options.channel)
-    check_apart(
-        getattr(options, "to", None) or Path(os.devnull), options.recording, recording
-    )
+    check_apart(target or Path(os.devnull), options.recording, recording)
     return recording
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the given settings of `Options` by name."""
     from kilnflight.film.settings import Options
 
-    return {
-        k: v for k, v in vars(options).items() if hasattr(Options, k) and v is not None
-    }
+    given = {name: value for name, value in vars(options).items() if value is not None}
+    return {name: value for name, value in given.items() if hasattr(Options, name)}
 
 
 def _info(options: argparse.Namespace) -> None:
     from kilnflight.film.report import aligned, summarise_recording
+
+    print(aligned(summarise_recording(_opened(options))))
+
+
+def _import(options: argparse.Namespace) -> None:
+    from kilnflight.film.report import aligned, summarise_recording
     from kilnflight.recording.store import write_recording
 
-    recording = _opened(options)
-    if options.command == "import":
-        recording = write_recording(
-            recording, options.to or f"{recording.attributes.name}.zarr"
-        )
-        print(f"imported as {recording.path}")
-    print(aligned(summarise_recording(recording)))
+    recording = _opened(options, options.to)
+    target = options.to or f"{recording.attributes.name}.zarr"
+    stored = write_recording(recording, target)
+    print(f"imported as {stored.path}")
+    print(aligned(summarise_recording(stored)))
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -73,25 +74,22 @@ def _export(options: argparse.Namespace) -> None:
 
     recording = scenes.open_scene(options.scene, seed=options.seed)
     frames = range(*options.frames or (len(recording),))
-    stored = write_recording(
-        recording, options.folder, frames, truth.tables(recording, frames)
-    )
-    print(
-        f"exported {len(stored)} frames of {stored.attributes.name} to {options.folder}"
-    )
+    tables = truth.tables(recording, frames)
+    stored = write_recording(recording, options.folder, frames, tables)
+    what = f"{len(stored)} frames of {stored.attributes.name}"
+    print(f"exported {what} to {options.folder}")
 
 
 def _preview(options: argparse.Namespace) -> None:
     from kilnflight.film.pictures import png, preview
     from kilnflight.store.cache import write_whole
 
-    options.to = options.to or Path(
-        "preview.png"
-    )  # before it is opened: it is checked, too
-    picture = png(preview(_opened(options), **_settings(options)))
-    options.to.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(options.to, picture)
-    print(f"three frames with the detections of three thresholds: {options.to}")
+    target = options.to or Path("preview.png")
+    recording = _opened(options, target)
+    picture = png(preview(recording, **_settings(options)))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, picture)
+    print(f"three frames with the detections of three thresholds: {target}")
 
 
 def _track(options: argparse.Namespace) -> None:
@@ -99,23 +97,18 @@ def _track(options: argparse.Namespace) -> None:
     from kilnflight.film.doubts import doubtful_links
     from kilnflight.film.run import track_detections
     from kilnflight.film.spreading import followed
-    from kilnflight.recording.track_files import (
-        check_table_target,
-        read_table,
-        write_table,
-    )
+    from kilnflight.recording import track_files
 
-    check_table_target(options.tracks, options.format, options.detections)
-    table = read_table(options.detections)
+    track_files.check_table_target(options.tracks, options.format, options.detections)
+    table = track_files.read_table(options.detections)
     associator = JPDA() if options.jpda else GNN()
     tracks = track_detections(table, associator, progress=True, **_settings(options))
-    write_table(tracks, options.tracks, options.format)
+    track_files.write_table(tracks, options.tracks, options.format)
     linked = followed(tracks)
-    found = (
-        f"{linked.particle.nunique()} tracks with {len(linked)} of {len(tracks)} "
-        "detections"
-    )
-    print(found, *(f"warning: {doubt}" for doubt in doubtful_links(tracks)), sep="\n")
+    share = f"{len(linked)} of {len(tracks)} detections"
+    print(f"{linked['particle'].nunique()} tracks with {share}")
+    for doubt in doubtful_links(tracks):
+        print(f"warning: {doubt}")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -123,13 +116,12 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.store.parallel import Workers
 
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
-    run_recording(_opened(options), options.to, workers, **_settings(options))
+    recording = _opened(options, options.to)
+    run_recording(recording, options.to, workers, **_settings(options))
 
 
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
-_NUMBER = {"type": float}
-_WHOLE = {"type": int}
-_SWITCH = {"action": "store_true"}
+# Arguments by name, as `argparse.ArgumentParser.add_argument` takes them.
 ARGUMENTS: dict[str, Any] = {
     "recording": {
         "metavar": "PATH",
@@ -145,28 +137,59 @@ ARGUMENTS: dict[str, Any] = {
     },
     "--detector": {"help": "dog for round spots (default), otsu for areas of any form"},
     "--background": {
-        "help": "median of the frames around, or none (default: what fits)"
+        "help": "median of the frames around, or none (default: what fits)",
     },
-    "--threshold": _NUMBER | {"metavar": "GREY", "help": "default: from the noise"},
-    "--dark": _SWITCH | {"help": "particles are darker than the background"},
-    "--small": _SWITCH
-    | {"help": "search at least at twice the size (default: what finds most)"},
-    "--size": _NUMBER
-    | {"metavar": "PX", "help": "diameter of the particles, in place of --small"},
-    "--roi": _WHOLE
-    | {"nargs": 4, "metavar": "N", "help": "rows from, to; columns from, to"},
-    "--frames": _WHOLE
-    | {"nargs": 2, "metavar": ("A", "B"), "help": "A to B, B left out"},
-    "--max-step": _NUMBER | {"metavar": "PX", "help": "longest step in a frame"},
-    "--memory": _WHOLE
-    | {"metavar": "N", "help": "frames that a track may miss (default: 5)"},
+    "--threshold": {
+        "type": float,
+        "metavar": "GREY",
+        "help": "default: from the noise",
+    },
+    "--dark": {
+        "action": "store_true",
+        "help": "particles are darker than the background",
+    },
+    "--small": {
+        "action": "store_true",
+        "help": "search at least at twice the size (default: what finds most)",
+    },
+    "--size": {
+        "type": float,
+        "metavar": "PX",
+        "help": "diameter of the particles, in place of --small",
+    },
+    "--roi": {
+        "type": int,
+        "nargs": 4,
+        "metavar": "N",
+        "help": "rows from, to; columns from, to",
+    },
+    "--frames": {
+        "type": int,
+        "nargs": 2,
+        "metavar": ("A", "B"),
+        "help": "A to B, B left out",
+    },
+    "--max-step": {"type": float, "metavar": "PX", "help": "longest step in a frame"},
+    "--memory": {
+        "type": int,
+        "metavar": "N",
+        "help": "frames that a track may miss (default: 5)",
+    },
     "--post-processing": {
         "action": argparse.BooleanOptionalAction,
         "help": "default: with depth",
     },
-    "--in-air": _NUMBER
-    | {"metavar": "MM", "dest": "in_air_mm", "help": "from the kiln's axis"},
-    "--jobs": _WHOLE | {"default": 1, "help": "processes side by side (default: 1)"},
+    "--in-air": {
+        "type": float,
+        "metavar": "MM",
+        "dest": "in_air_mm",
+        "help": "from the kiln's axis",
+    },
+    "--jobs": {
+        "type": int,
+        "default": 1,
+        "help": "processes side by side (default: 1)",
+    },
     "--scheduler": {
         "metavar": "ADDRESS",
         "help": "Dask cluster that detects in their place",
@@ -177,54 +200,90 @@ ARGUMENTS: dict[str, Any] = {
         "help": "frame, row, col or x, y (px)",
     },
     "tracks": {"type": Path, "metavar": "FILE", "help": "tracks to write"},
-    "--jpda": _SWITCH | {"help": "associate by JPDA instead of GNN; slower"},
+    "--jpda": {
+        "action": "store_true",
+        "help": "associate by JPDA instead of GNN; slower",
+    },
     "--format": {"choices": FORMS, "default": "csv", "help": "of FILE (default: csv)"},
     "scene": {"help": "such as confetti-4.5-bar; an unknown name lists all"},
     "folder": {"type": Path, "metavar": "FOLDER", "help": "folder to write"},
-    "--seed": _WHOLE | {"help": "of the simulation (default: the scene's own)"},
+    "--seed": {"type": int, "help": "of the simulation (default: the scene's own)"},
 }
-_FOUND = (
-    "recording --channel --to --detector --background --threshold --dark --small "
-    "--size --roi"
+OPENED = ("recording", "--channel")
+FOUND = (
+    "--detector",
+    "--background",
+    "--threshold",
+    "--dark",
+    "--small",
+    "--size",
+    "--roi",
+    "--frames",
 )
-_LINKED = "--max-step --memory --post-processing"
-_WORKED = "--frames --in-air --jobs --scheduler"
-COMMANDS = (
-    (
-        "import",
-        _info,
-        "store a recording of any kind as Zarr",
-        "recording --channel --to",
+LINKED = ("--max-step", "--memory", "--post-processing")
+
+
+class Command(NamedTuple):
+    """A command: its function, what it does, and its arguments."""
+
+    function: Callable[[argparse.Namespace], None]
+    does: str
+    arguments: tuple[str, ...]
+
+
+COMMANDS = {
+    "import": Command(
+        function=_import,
+        does="store a recording of any kind as Zarr",
+        arguments=(*OPENED, "--to"),
     ),
-    (
-        "info",
-        _info,
-        "read every frame and print what a recording holds",
-        "recording --channel",
+    "info": Command(
+        function=_info,
+        does="read every frame and print what a recording holds",
+        arguments=OPENED,
     ),
-    ("preview", _preview, "draw what three thresholds detect", f"{_FOUND} --frames"),
-    ("run", _run, "all steps, to tracks and pictures", f"{_FOUND} {_LINKED} {_WORKED}"),
-    (
-        "track",
-        _track,
-        "link detections to tracks",
-        f"detections tracks {_LINKED} --jpda --format",
+    "preview": Command(
+        function=_preview,
+        does="draw what three thresholds detect",
+        arguments=(*OPENED, "--to", *FOUND),
     ),
-    ("export", _export, "write a simulated recording", "scene folder --frames --seed"),
-)
+    "run": Command(
+        function=_run,
+        does="all steps, to tracks and pictures",
+        arguments=(
+            *OPENED,
+            "--to",
+            *FOUND,
+            *LINKED,
+            "--in-air",
+            "--jobs",
+            "--scheduler",
+        ),
+    ),
+    "track": Command(
+        function=_track,
+        does="link detections to tracks",
+        arguments=("detections", "tracks", *LINKED, "--jpda", "--format"),
+    ),
+    "export": Command(
+        function=_export,
+        does="write a simulated recording",
+        arguments=("scene", "folder", "--frames", "--seed"),
+    ),
+}
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(prog="kilnflight", description=main.__doc__)
-    parser.add_argument(
-        "--version", action="version", version=f"kilnflight {__version__}"
-    )
+    version = f"kilnflight {__version__}"
+    parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, function, text, arguments in COMMANDS:
-        command = commands.add_parser(name, help=text, description=text)
-        command.set_defaults(function=function)
-        for argument in arguments.split():
-            command.add_argument(argument, **ARGUMENTS[argument])
+    for name, command in COMMANDS.items():
+        added = commands.add_parser(name, help=command.does, description=command.does)
+        added.set_defaults(function=command.function)
+        for argument in command.arguments:
+            added.add_argument(argument, **ARGUMENTS[argument])
     return parser
 
 

@@ -14,11 +14,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import flight, regression
+from kilnflight.arrays import Flags
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
@@ -40,12 +42,8 @@ from kilnflight.tracking.tracker import Management, track
 from kilnflight.tracklets import Cutting, postprocess, tracked
 
 CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
-CHAIN_STEPS = (
-    "tracks",
-    "trajectories",
-    "flights",
-    "slices",
-)  # tables after the detections
+# Tables after the detections.
+CHAIN_STEPS = ("tracks", "trajectories", "flights", "slices")
 TRACKED_BY = (
     "wall",
     "in_air",
@@ -78,18 +76,28 @@ def views(
     for t, beside, foreground in zip(frames, before, foregrounds, strict=True):
         previous = buffer.take(beside).gray
         frame = buffer.take(t)
-        pixels = frame.pixels
-        xyz = calibrate_points(frame.xyz, attributes.depth_calibration)
-        if attributes.flame_roi is not None:
-            flame = flame_mask(frame.gray, attributes.flame_roi)
-            foreground[flame] = 0  # in place: each model returns a new array
-            keep = ~flame.take(pixels[:, 0] * flame.shape[1] + pixels[:, 1])
-            pixels = pixels.compress(keep, axis=0)
-            xyz = xyz.compress(keep, axis=0)
-        yield (
-            t,
-            View(frame.gray, previous, foreground, pixels, xyz, smooth, frame.index),
+        view = View(
+            gray=frame.gray,
+            previous=previous,
+            foreground=foreground,
+            pixels=frame.pixels,
+            xyz=calibrate_points(frame.xyz, attributes.depth_calibration),
+            smooth=smooth,
+            number=frame.index,
         )
+        if attributes.flame_roi is not None:
+            view = _without_flame(view, flame_mask(frame.gray, attributes.flame_roi))
+        yield t, view
+
+
+def _without_flame(view: View, flame: Flags) -> View:
+    """Return a view without the pixels (rows, cols) of the flame."""
+    view.foreground[flame] = 0  # in place: each model returns a new array
+    places = view.pixels[:, 0] * flame.shape[1] + view.pixels[:, 1]
+    keep = ~flame.take(places)
+    return view._replace(
+        pixels=view.pixels.compress(keep, axis=0), xyz=view.xyz.compress(keep, axis=0)
+    )
 
 
 def detect_frames(
@@ -121,9 +129,8 @@ def detect_frames(
     detector = detector or Combination()
     roi = recording.attributes.roi
     seen = views(recording, frames, background)
-    bar = tqdm(
-        seen, total=len(frames), unit="frame", disable=None if progress else True
-    )
+    hidden = None if progress else True  # None: only without a terminal
+    bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
     first = recording.frame(0).index  # a gap in the numbers is a gap in time
     parts = [detector(view, roi, frame=view.number - first) for _, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
@@ -159,19 +166,22 @@ class DetectionRun:
     def chunks(self) -> list[range]:
         """Frames of each table: ranges cut at multiples of ``chunk``."""
         first = self.start // self.chunk * self.chunk
-        ends = range(first, self.stop, self.chunk)
-        pieces = [
-            range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends
-        ]
+        pieces = []
+        for begin in range(first, self.stop, self.chunk):
+            end = min(begin + self.chunk, self.stop)
+            pieces.append(range(max(begin, self.start), end))
         return [piece for piece in pieces if piece]
 
     def table(self, frames: range) -> CachedTable:
         """Return the table of a chunk's detections."""
-        names = ("source", "detector", "background")
-        depends_on = {name: getattr(self, name) for name in names} | {"frames": frames}
-        return CachedTable(
-            "detections", partial(self._detect, frames), depends_on, self.folder
-        )
+        depends_on = {
+            "source": self.source,
+            "detector": self.detector,
+            "background": self.background,
+            "frames": frames,
+        }
+        make = partial(self._detect, frames)
+        return CachedTable("detections", make, depends_on, self.folder)
 
     def _detect(self, frames: range) -> pd.DataFrame:
         return detect_frames(
@@ -250,22 +260,19 @@ class Chain:
 
     @cached("detected", *TRACKED_BY)
     def tracks(self) -> pd.DataFrame:
-        """Post-processed tracks of the detections in the air, split at impossible
-        steps.
+        """Tracks of the detections in the air, post-processed and split.
 
         The table is that of the detections that are not on the wall, and ``particle``:
-        the track (-1: none).
+        the track (-1: none). Tracks are split at impossible steps.
         """
         table = self.detection.detections()
         if self.wall is not None:
             on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
             table = table[~on_wall].reset_index(drop=True)
         done = track(table, self.tracker, self.motion, management=self.management)
-        return (
-            self.cutting(postprocess(done), self.frame_rate_hz)
-            if self.post_processing
-            else done
-        )
+        if self.post_processing:
+            return self.cutting(postprocess(done), self.frame_rate_hz)
+        return done
 
     @cached("tracks", "exit_point_mm", "regression")
     def trajectories(self) -> pd.DataFrame:
@@ -283,8 +290,21 @@ class Chain:
 
     @cached("trajectories", "flights")
     def slices(self) -> pd.DataFrame:
-        """Velocities within each metre of accepted flights from the lance (`SLICES`)."""
+        """Velocities by metre of accepted flights from the lance (`SLICES`)."""
         return slices_from(self.flights(), regression.fits(self.trajectories()))
+
+
+class Piece(NamedTuple):
+    """A table that a worker makes: a chunk of frames to detect in, or a step."""
+
+    run: Chain
+    what: range | str
+    frames: int  # their number, for the progress bar
+
+    @property
+    def table(self) -> CachedTable:
+        """The table."""
+        return self.run.table(self.what)
 
 
 def make_tables(
@@ -292,58 +312,62 @@ def make_tables(
     workers: Workers | int | None = None,
     steps: Sequence[str] = CHAIN_STEPS,
 ) -> None:
-    """Make all missing tables, or those up to ``steps``, with progress; one process by
-    default.
+    """Make all missing tables with progress, one process by default.
 
     Workers of a cluster only detect. The later steps take ``workers.jobs`` processes on
     this machine, one per recording.
+
+    Parameters
+    ----------
+    runs
+        Chains of recordings.
+    workers
+        Processes or a cluster; a number of processes; None: this process.
+    steps
+        Steps whose tables are made after the detections.
 
     Raises
     ------
     InputError
         If something cannot be read or written, or a worker writes to another folder.
     """
-    workers = Workers(workers) if isinstance(workers, int) else workers or Workers()
-    chunks = [
-        (run, frames, len(frames)) for run in runs for frames in run.detection.chunks
-    ]
+    if workers is None or isinstance(workers, int):
+        workers = Workers(workers or 1)
+    chunks = []
+    for run in runs:
+        chunks += [Piece(run, frames, len(frames)) for frames in run.detection.chunks]
     _make_missing(chunks, workers, "detection")
+    local = replace(workers, scheduler=None)
     for step in steps:
-        pieces = [(run, step, len(run.frames)) for run in runs]
-        _make_missing(pieces, replace(workers, scheduler=None), step)
+        pieces = [Piece(run, step, len(run.frames)) for run in runs]
+        _make_missing(pieces, local, step)
 
 
-def _make_missing(
-    pieces: Sequence[tuple[Chain, range | str, int]], workers: Workers, label: str
-) -> None:
-    """Make the missing ones of ``pieces``: run, its chunk or step, number of frames.
+def _make_missing(pieces: Sequence[Piece], workers: Workers, label: str) -> None:
+    """Make the missing tables; ``label`` names them in the progress bar.
 
-    ``label`` names them in the progress bar. `InputError`: a worker wrote elsewhere.
+    Raises an `InputError` if a worker wrote elsewhere.
     """
-    wanted = [(run, what, run.table(what).path, size) for run, what, size in pieces]
-    missing = [each for each in wanted if not each[2].is_file()]
-    lengths = [size for *_, size in missing]
-    before = sum(size for *_, size in wanted) - sum(lengths)
-    workers(_make_table, [each[:3] for each in missing], lengths, label, before)
-    for lost in [path for *_, path, _ in missing if not path.is_file()][:1]:
-        elsewhere = (
-            "was made by a worker elsewhere. Give workers the same folder by the "
-            "same name"
-        )
-        raise InputError(f"{lost}: {elsewhere}.")
+    expected = {piece.table.path: piece for piece in pieces}
+    missing = {path: each for path, each in expected.items() if not path.is_file()}
+    lengths = [piece.frames for piece in missing.values()]
+    before = sum(piece.frames for piece in pieces) - sum(lengths)
+    workers(_make_table, list(missing.items()), lengths, label, before)
+    for path in missing:
+        if not path.is_file():
+            raise InputError(
+                f"{path}: was made by a worker elsewhere. Give workers the same folder "
+                "by the same name."
+            )
 
 
-def _make_table(piece: tuple[Chain, range | str, Path]) -> None:
-    """Make the table of a run's chunk or step, in a worker.
-
-    Last in ``piece`` is the file that the caller expects; another one is an
-    `InputError`.
-    """
-    run, what, expected = piece
-    table = run.table(what)
-    if table.path != expected:
+def _make_table(expected: tuple[Path, Piece]) -> None:
+    """Make the table of a piece in a worker; another file than expected is refused."""
+    path, piece = expected
+    table = piece.table
+    if table.path != path:
         raise InputError(
-            f"{expected.name}: this worker has another version of kilnflight than the "
+            f"{path.name}: this worker has another version of kilnflight than the "
             f"caller ({table.path.name}). Install the same one."
         )
     table()
@@ -359,13 +383,12 @@ def flights_from(
     """
     if run.wall is None:
         return FLIGHTS.empty()
-    recording = run.detection.source.recording()
+    source = run.detection.source
+    recording = source.recording()
     table = tracked(tracks)
-    table = table.assign(
-        background=background_gray(table, run.detection.source, run.frames)
-    )
-    first, last = (recording.frame(t).index for t in (0, run.frames[-1]))
-    view = flight.FieldOfView(recording.attributes.roi, range(last - first + 1))
+    table = table.assign(background=background_gray(table, source, run.frames))
+    last = recording.frame(run.frames[-1]).index - recording.frame(0).index
+    view = flight.FieldOfView(recording.attributes.roi, range(last + 1))
     return flight.flights(
         table, fits, run.wall, run.in_air, run.frame_rate_hz, run.rules, view
     )
@@ -380,7 +403,5 @@ def slices_from(
     `kilnflight.tables.FLIGHTS`, and ``fits`` are the trajectories by particle.
     """
     counted = flight.kept(flights[flights["from_lance"]])
-    ends = dict(
-        zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
-    )
+    ends = dict(zip(counted["particle"].tolist(), counted["end_s"], strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)

@@ -18,12 +18,12 @@ LARGEST_WHOLE = 2.0**53  # above it a float no longer holds every whole number
 
 
 def printable(text: object) -> str:
-    """Return a text in one line, control characters as escapes: no name commands a
-    terminal.
+    """Return a text in one line, control characters as escapes.
+
+    So no name commands a terminal.
     """
-    return re.sub(
-        r"[\x00-\x1f\x7f-\x9f]", lambda found: repr(found[0])[1:-1], str(text)
-    )
+    control = r"[\x00-\x1f\x7f-\x9f]"
+    return re.sub(control, lambda found: repr(found[0])[1:-1], str(text))
 
 
 class InputError(ValueError):
@@ -34,9 +34,7 @@ class InputError(ValueError):
 
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
-    """Raise an `InputError` unless ``table`` is a DataFrame with ``columns``, each
-    once.
-    """
+    """Raise an `InputError` unless a DataFrame has ``columns``, each once."""
     held = getattr(table, "columns", None)
     if not hasattr(held, "nlevels") or hasattr(held, "levels"):
         kind = type(table).__name__
@@ -60,40 +58,41 @@ def check_shape(
     array: npt.NDArray[np.generic], shape: Sequence[int | None], where: str
 ) -> None:
     """Raise an `InputError` unless ``array`` has ``shape`` (None: any)."""
-    if array.ndim != len(shape) or any(
-        expected not in (None, length)
+    fits = array.ndim == len(shape) and all(
+        expected in (None, length)
         for length, expected in zip(array.shape, shape, strict=True)
-    ):
-        expected = tuple("n" if length is None else length for length in shape)
-        raise InputError(
-            f"{where}: shape {array.shape}, expected {expected}.".replace("'", "")
-        )
+    )
+    if not fits:
+        expected = str(tuple(shape)).replace("None", "n")
+        raise InputError(f"{where}: shape {array.shape}, expected {expected}.")
 
 
 def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
-    """Return ``values`` as integers or floats, NaN for gaps, or raise an `InputError`."""
+    """Return ``values`` as integers or floats, NaN for gaps."""
     try:
         array = np.asarray(values)
-        if array.dtype == object:  # numbers with gaps, or texts
-            from pandas import isna
-
-            cells = np.where(isna(array), np.nan, array)
-            if any(
-                isinstance(cell, bool) or not isinstance(cell, Real)
-                for cell in cells.flat
-            ):
-                raise TypeError("a cell holds text, a truth value or a list")
-            array = np.array(cells.tolist())
+        if array.dtype == object:
+            array = _numbers_with_gaps(array)
         # numpy would make numbers of dates and of texts, and forget a mask
-        if array.dtype.kind not in "iuf" or np.ma.isMaskedArray(values):
-            masked = (
-                ", masked: fill it or leave out what is hidden"
-                * np.ma.isMaskedArray(values)
-            )
-            raise TypeError(f"it holds {array.dtype}{masked}")
+        if np.ma.isMaskedArray(values):
+            hidden = "fill it or leave out what is hidden"
+            raise TypeError(f"it holds {array.dtype}, masked: {hidden}")
+        if array.dtype.kind not in "iuf":
+            raise TypeError(f"it holds {array.dtype}")
         return array
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: not made of numbers ({error}).") from error
+
+
+def _numbers_with_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return an array of objects as numbers, NaN where one is missing."""
+    from pandas import isna
+
+    cells = np.where(isna(array), np.nan, array)
+    for cell in cells.flat:
+        if isinstance(cell, bool) or not isinstance(cell, Real):
+            raise TypeError("a cell holds text, a truth value or a list")
+    return np.array(cells.tolist())
 
 
 def check_finite(
@@ -106,33 +105,29 @@ def check_finite(
     squares stay finite.
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
+    if shape is not None and array.shape == (0,) and None in shape:
+        array = np.ones([n or 0 for n in shape])
     if shape is not None:
-        array = (
-            np.ones([n or 0 for n in shape])
-            if array.shape == (0,) and None in shape
-            else array
-        )
         check_shape(array, shape, where)
-    if (
-        not -most < array.min(initial=0.0) <= array.max(initial=0.0) < most
-    ):  # so it is fast
-        finite = (np.abs(array) < most) | (np.isnan(array) & gaps)
-        for index in map(tuple, np.argwhere(~finite)[:1].tolist()):
-            wrong = (
-                f"{np.sum(~finite)} value(s) are not finite or too large "
-                f"({array[index]})"
-            )
-            raise InputError(
-                f"{where}: {wrong}, the first at {index}. Leave out such points."
-            )
+    # two passes without a copy, for the usual case
+    if -most < array.min(initial=0.0) <= array.max(initial=0.0) < most:
+        return array
+    wrong = ~((np.abs(array) < most) | (np.isnan(array) & gaps))
+    if wrong.any():
+        first = tuple(np.argwhere(wrong)[0].tolist())
+        told = f"{wrong.sum()} value(s) are not finite or too large ({array[first]})"
+        raise InputError(
+            f"{where}: {told}, the first at {first}. Leave out such points."
+        )
     return array
 
 
 def check_whole(values: Any, where: str) -> Whole:
     """Return a column of whole numbers as int64, also where floats hold them."""
     numbers = check_finite(values, where)
-    wrong = (numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE)
-    for row in np.flatnonzero(wrong)[:1]:
+    wrong = np.flatnonzero((numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE))
+    if len(wrong):
+        row = wrong[0]
         raise InputError(
             f"{where}: {numbers[row]} in row {values.index[row]} is no whole number."
         )
@@ -149,24 +144,39 @@ def check_number(
     below: float = math.inf,
     whole: bool = False,
 ) -> Any:
-    """Return ``value`` as a number of Python, or raise an `InputError`: not finite, or
-    outside.
+    """Return ``value`` as a number of Python.
 
-    ``least`` and ``most`` are allowed, ``above`` and ``below`` are not.
+    Parameters
+    ----------
+    value
+        Number.
+    where
+        Begins the message of an error.
+    least, most
+        Limits that are allowed.
+    above, below
+        Limits that are not.
+    whole
+        Whether it has to be a whole number.
+
+    Raises
+    ------
+    InputError
+        If it is no finite number within the limits.
     """
-    value = (
-        value.item() if isinstance(value, np.generic) else value
-    )  # told as 5, not np.int64(5)
+    if isinstance(value, np.generic):  # told as 5, not np.int64(5)
+        value = value.item()
     fits = (
-        type(value) in (int, float) and least <= value <= most and above < value < below
+        type(value) in (int, float)
+        and abs(value) <= sys.float_info.max
+        and least <= value <= most
+        and above < value < below
     )
-    if not fits or abs(value) > sys.float_info.max or (whole and value % 1 != 0):
-        limits = {"at least": least, "at most": most, "above": above, "below": below}
-        rules = [
-            f"{word} {limit:g}"
-            for word, limit in limits.items()
-            if math.isfinite(limit)
-        ]
-        rule = ", ".join(["a whole number" if whole else "a number", *rules])
-        raise InputError(f"{where}: must be {rule}, got {value!r}.")
-    return int(value) if whole else value
+    if fits and not (whole and value % 1 != 0):
+        return int(value) if whole else value
+    rules = ["a whole number" if whole else "a number"]
+    limits = {"at least": least, "at most": most, "above": above, "below": below}
+    for word, limit in limits.items():
+        if math.isfinite(limit):
+            rules.append(f"{word} {limit:g}")
+    raise InputError(f"{where}: must be {', '.join(rules)}, got {value!r}.")

@@ -15,6 +15,8 @@ from kilnflight import chain
 from kilnflight.__main__ import main
 from kilnflight.film import preparation
 from kilnflight.film.doubts import doubts
+from kilnflight.film.noise import block_noise, noise_threshold
+from kilnflight.film.prepared import Prepared
 from kilnflight.film.report import summary
 from kilnflight.film.settings import Options
 from kilnflight.flight.empty import background_gray
@@ -113,16 +115,16 @@ def test_without_a_lance_or_a_wall_there_are_tracks_but_no_flights(prepare, miss
 
 
 def test_a_threshold_from_the_noise(stored):
-    looks = preparation.sample(stored, preparation.BACKGROUNDS["median"])
-    assert 5 < preparation.noise_threshold(looks) < 1000
+    looks = preparation.Looks(Prepared(stored)).foregrounds("median")
+    assert 5 < noise_threshold(looks) < 1000
     noisy = np.abs(np.random.default_rng(0).normal(0, 100, (256, 256))).astype(
         np.float32
     )
-    noise = preparation.block_noise(noisy)
-    assert preparation.block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
+    noise = block_noise(noisy)
+    assert block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
     assert 2 < noise < 40  # of the difference of Gaussians, not of the pixels
     noisy[100:110, 100:110] += 20_000
-    assert preparation.block_noise(noisy) == pytest.approx(noise, rel=0.1)
+    assert block_noise(noisy) == pytest.approx(noise, rel=0.1)
 
 
 def test_another_content_is_another_source(stored, prepare, tmp_path):

@@ -415,7 +415,7 @@ def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
         "gray": mean_gray(gray, values[:, :3]),
     }
     return pd.DataFrame(
-        {c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns}
+        {name: columns[name].astype(kind) for name, kind in DETECTIONS.dtypes.items()}
     )
 
 

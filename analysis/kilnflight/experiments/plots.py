@@ -28,7 +28,7 @@ from kilnflight.publication.style import (
     draw_circles,
     draw_frame,
 )
-from kilnflight.scores.flights import METRES
+from kilnflight.scores.flights import MARKS_M
 
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 SYMBOLS = {
@@ -102,7 +102,7 @@ def draw_velocity_boxes(
     rows = max(-(-len(keys) // 2), 1)
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * rows}
     picture, grid = canvas(rows, 2, **size, sharex=True, sharey=True)
-    metres = [f"{metre - 1}-{metre} m" for metre in METRES]
+    metres = [f"{metre - 1}-{metre} m" for metre in MARKS_M]
     for axes, key in zip(grid.flat, keys, strict=False):
         groups = {
             name: list(values[key].velocity_m_s.T) for name, values in sources.items()

@@ -1,6 +1,4 @@
-"""Warnings of missing or doubtful results, each with what to change; no truth is
-needed.
-"""
+"""Warnings of missing or doubtful results, each with what to change."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ TRY = (
 )
 FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
 FASTER = "Links are doubtful; record faster, or raise --threshold."
-FEW = 10  # detections; hardly a particle was found
+FEW = 10  # detections; with fewer hardly a particle was found
 LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
 
@@ -30,23 +28,21 @@ def doubts(tables: Tables) -> Iterator[str]:
     flights = tables["flights"]
     from_lance = flights[flights["from_lance"]]
     if len(flights) and from_lance.empty:
-        yield (
-            f"No flight starts at the lance: {flights['start_mm'].median():.0f} mm "
-            f"off. {LANCE}"
-        )
+        off = f"{flights['start_mm'].median():.0f} mm off"
+        yield f"No flight starts at the lance: {off}. {LANCE}"
     refused = len(from_lance) - len(kept(from_lance))
     if 2 * refused > len(from_lance):
-        yield (
-            f"{refused} of {len(from_lance)} flights are refused, no particle flies "
-            f"so. {LANCE}"
-        )
+        share = f"{refused} of {len(from_lance)} flights"
+        yield f"{share} are refused, no particle flies so. {LANCE}"
 
 
 def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     """Yield warnings of missing or doubtful tracks, each with what to change.
 
-    ``tracks`` has all detections: columns frame, particle (-1: in no track), row, col
-    (px).
+    Parameters
+    ----------
+    tracks
+        All detections: columns frame, particle (-1: in no track), row, col (px).
     """
     linked = followed(tracks)
     if len(tracks) < FEW:
@@ -54,21 +50,25 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
         yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
     steps = speeds(linked)
+    if not len(steps):
+        return
+    step = float(np.median(steps))
     apart = neighbour_px(tracks)
-    if len(steps) and (step := float(np.median(steps))) > apart / 2:
-        yield (
-            f"Steps of {step:.1f} px exceed half of {apart:.1f} px between "
-            f"neighbours. {FASTER}"
-        )
+    if step > apart / 2:
+        between = f"{apart:.1f} px between neighbours"
+        yield f"Steps of {step:.1f} px exceed half of {between}. {FASTER}"
 
 
 def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
-    """Return the median distance of nearest neighbours in some frames; inf without
-    neighbours.
+    """Return the median distance of nearest neighbours in some frames.
+
+    It is infinite where no frame has two detections.
     """
     places = [
-        at[["row", "col"]].to_numpy(float) for _, at in detections.groupby("frame")
+        at.to_numpy(float) for _, at in detections.groupby("frame")[["row", "col"]]
     ]
     some = [each for each in places[:: 1 + len(places) // frames] if len(each) > 1]
+    if not some:
+        return np.inf
     apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
-    return float(np.median(np.concatenate(apart))) if apart else np.inf
+    return float(np.median(np.concatenate(apart)))

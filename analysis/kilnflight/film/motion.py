@@ -4,7 +4,8 @@ A belt or a flow moves all particles alike: the common step is where the differe
 positions crowd. What is left after it is the spread of velocities and their change.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,11 +18,28 @@ from kilnflight.recording.frames import Recording
 from kilnflight.tracking.filter import ConstantVelocity, Gate, Motion
 from kilnflight.tracking.tracker import read_detections
 
-REACH = (
-    0.1  # of the picture's longer side: the longest common step that is searched for
-)
+REACH = 0.1  # share of the picture's longer side: the longest common step searched for
 NEAR_PX = 2.0  # differences of positions that count as one step
-PAIRS = 60  # of consecutive pictures; more take longer and change nothing
+PAIRS = 60  # pairs of consecutive pictures; more take longer and change nothing
+OF_90_PERCENT = 2.15  # standard deviations, of a distance in two dimensions
+OF_99_PERCENT = 3.03
+LEAST_PX = 0.1  # no spread is taken smaller
+NONE = np.empty((0, 2))
+
+
+class Links(NamedTuple):
+    """Steps (n, 2) of linked particles, and their changes (m, 2), in px a frame."""
+
+    steps: Array
+    changes: Array
+
+
+class Spread(NamedTuple):
+    """Standard deviations in px: of the first step, and of the change of a step."""
+
+    first: float
+    change: float
+    inert: bool  # whether a step depends on the one before
 
 
 def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion:
@@ -39,69 +57,96 @@ def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion
     A link is a pair of nearest neighbours of each other. The spread of its steps is
     that of a new track's velocity; the spread of changes of step is the noise of the
     acceleration. If that is the larger one, steps do not depend on those before, and
-    particles wander. Quantiles of 90 % are 2.15 standard deviations in two dimensions;
-    a tenth may be false links.
+    particles wander. Quantiles are taken, as a tenth may be false links.
     """
+    limit = np.inf
     if max_step is not None:
-        check_number(max_step, "max_step", above=0)
+        limit = check_number(max_step, "max_step", above=0)
     places = {each.frame: each.positions for each in read_detections(detections)}
     starts = np.array([t for t in sorted(places) if t + 1 in places], int)
     starts = starts[:: 1 + len(starts) // PAIRS]
-    limit = np.inf if max_step is None else max_step
-    wide = (
-        np.ptp(np.concatenate(list(places.values())), axis=0).max() if places else 0.0
-    )
-    reach = min(REACH * wide, limit)
+    reach = min(REACH * _width(places), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
-    steps = [np.empty((0, 2))]
-    changes = [np.empty((0, 2))]
+    spread = _spread(_links(places, starts, flow, limit), flow, max_step)
+    velocity = tuple(flow.round(2).tolist())
+    error = max(spread.change / 4, 0.3)  # of the first position, px
+    if spread.inert:
+        return Motion(velocity, (error, spread.first), spread.change)
+    return Wandering(velocity, (error, 1e-3), spread.change)
+
+
+def _width(places: Mapping[int, Array]) -> float:
+    """Return the larger extent in px of all positions by frame."""
+    if not places:
+        return 0.0
+    return float(np.ptp(np.concatenate(list(places.values())), axis=0).max())
+
+
+def _links(
+    places: Mapping[int, Array], starts: Integers, flow: Array, limit: float
+) -> Links:
+    """Return the links from each start to the next frame, and on to the one after."""
+    steps = [NONE]
+    changes = [NONE]
     for t in starts:
-        before, middle, after = (places.get(t + k, np.empty((0, 2))) for k in range(3))
+        before, middle = places[t], places[t + 1]
+        after = places.get(t + 2, NONE)
         i, k = _linked(before, middle, flow, limit)
         first = middle[k] - before[i]
         steps.append(first)
         j, n = _linked(middle, after, flow, limit)
         _, one, other = np.intersect1d(k, j, return_indices=True)
         changes.append(after[n[other]] - middle[j[other]] - first[one])
-    apart = np.hypot(*(np.concatenate(steps) - flow).T)
-    turned = np.hypot(*np.concatenate(changes).T)
-    spread = (
-        np.quantile(apart, 0.9) / 2.15 if len(apart) else ConstantVelocity().spreads[1]
-    )
-    change = np.quantile(turned, 0.9) / 2.15 if len(turned) else spread
-    inert = change <= spread or not len(turned)
-    if inert:  # a few may be much slower than the rest
-        spread = max(spread, np.quantile(apart, 0.99) / 3.03) if len(apart) else spread
-    spread = spread if max_step is None else max_step / Gate().distance
-    change = min(change, spread) if inert else spread
-    spread, noise = (float(f"{max(value, 0.1):.3g}") for value in (spread, change))
-    kind, of_velocity = (Motion, spread) if inert else (Wandering, 1e-3)
-    return kind(
-        tuple(flow.round(2).tolist()), (max(noise / 4, 0.3), of_velocity), noise
-    )
+    return Links(np.concatenate(steps), np.concatenate(changes))
+
+
+def _spread(links: Links, flow: Array, max_step: float | None) -> Spread:
+    """Return the spreads of links around a common step (2,)."""
+    apart = np.hypot(*(links.steps - flow).T)
+    turned = np.hypot(*links.changes.T)
+    first = ConstantVelocity().spreads[1]
+    if len(apart):
+        first = np.quantile(apart, 0.9) / OF_90_PERCENT
+    change = first
+    if len(turned):
+        change = np.quantile(turned, 0.9) / OF_90_PERCENT
+    inert = bool(change <= first or not len(turned))
+    if inert and len(apart):  # a few may be much slower than the rest
+        first = max(first, np.quantile(apart, 0.99) / OF_99_PERCENT)
+    if max_step is not None:
+        first = max_step / Gate().distance
+    change = min(change, first) if inert else first
+    return Spread(first=_rounded(first), change=_rounded(change), inert=inert)
+
+
+def _rounded(spread: float) -> float:
+    """Return a spread in px with three digits, at least `LEAST_PX`."""
+    return float(f"{max(spread, LEAST_PX):.3g}")
 
 
 class Wandering(Motion):
-    """Motion without inertia: a common velocity, and steps that do not depend on those
-    before.
-    """
+    """Motion without inertia: steps do not depend on those before."""
 
     def process_noise(self, frames: float) -> Array:
-        """Return the covariance (4, 4) of the position after some frames; the velocity
-        stays.
-        """
-        return np.diag([self.noise**2 * frames] * 2 + [0.0] * 2)
+        """Return the covariance (4, 4) after some frames; the velocity stays."""
+        moved = self.noise**2 * frames
+        return np.diag([moved, moved, 0.0, 0.0])
 
 
 def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
-    """Return the step (2,) in px that most particles make, 0 if it brings them no
-    nearer.
+    """Return the step (2,) in px that most particles make.
 
-    ``pairs`` are positions (n, 2) and (m, 2) in consecutive pictures; ``reach`` is the
-    longest step in px that is searched for.
+    It is 0 if that step brings the particles no nearer to each other.
+
+    Parameters
+    ----------
+    pairs
+        Positions (n, 2) and (m, 2) in consecutive pictures.
+    reach
+        Longest step in px that is searched for.
     """
     none = np.zeros(2)
-    parts = [np.empty((0, 2))]
+    parts = [NONE]
     for before, after in pairs:
         few = before[:: 1 + len(before) * len(after) // 2_000_000]  # bounds memory
         near = KDTree(few).sparse_distance_matrix(
@@ -115,21 +160,21 @@ def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
     some = steps[:: 1 + len(steps) // 4000]
     crowd = some[tree.query_ball_point(some, NEAR_PX, return_length=True).argmax()]
     flow = np.median(steps[tree.query_ball_point(crowd, NEAR_PX)], axis=0)
-    apart = [
-        np.concatenate(
-            [KDTree(after).query(before + step)[0] for before, after in pairs]
-        )
-        for step in (none, flow)
-    ]
-    return np.asarray(flow) if np.median(apart[1]) < 0.5 * np.median(apart[0]) else none
+    if _median_gap(pairs, flow) < 0.5 * _median_gap(pairs, none):
+        return np.asarray(flow)
+    return none
+
+
+def _median_gap(pairs: Sequence[tuple[Array, Array]], step: Array) -> float:
+    """Return the median distance of moved positions from the nearest one after."""
+    gaps = [KDTree(after).query(before + step)[0] for before, after in pairs]
+    return float(np.median(np.concatenate(gaps)))
 
 
 def _linked(
     before: Array, after: Array, flow: Array, limit: float
 ) -> tuple[Integers, Integers]:
-    """Return the pairs of positions that are nearest neighbours of each other, two
-    (k,).
-    """
+    """Return pairs of nearest neighbours of each other, as two (k,)."""
     if not len(after) or not len(before):
         return np.empty(0, int), np.empty(0, int)
     expected = before + flow
@@ -140,27 +185,41 @@ def _linked(
 
 
 def more_rests(moving: Sequence[Array], every: Sequence[Array]) -> bool:
-    """Return whether more particles rest than move, so that a median would take them
-    away.
+    """Return whether so many particles rest that a median would take them away.
 
-    Both are row, col, radius and strength (n, 4) of the spots in some frames: over a
-    median, and over each frame's surroundings. More rest where the median leaves a
-    fiftieth of the spots that are at least half as strong as what it leaves, or less
-    than 0.87 of a spot's strength; of a slow disc it leaves crescents. 0.87 was set on
-    simulated films: above 0.89 the median is right.
+    Parameters
+    ----------
+    moving
+        Row, col, radius and strength (n, 4) of the spots over a median, by frame.
+    every
+        The same of the spots over each frame's surroundings.
+
+    Notes
+    -----
+    More rest where the median leaves a fiftieth of the spots that are at least half as
+    strong as what it leaves, or less than 0.87 of a spot's strength; of a slow disc it
+    leaves crescents. 0.87 was set on simulated films: above 0.89 the median is right.
     """
     left = np.concatenate(moving)[:, 3]
-    least = np.median(left) / 2 if len(left) else 0.0
+    least = 0.0
+    if len(left):
+        least = np.median(left) / 2
     total = int((np.concatenate(every)[:, 3] >= least).sum())
+    if 50 * len(left) < total:
+        return True
+    shares = _shares_left(moving, every)
+    return bool(len(shares) and np.median(shares) < 0.87)
+
+
+def _shares_left(moving: Sequence[Array], every: Sequence[Array]) -> Array:
+    """Return the share (n,) of its strength that a median leaves of each spot."""
     shares = [np.empty(0)]
     for spots, whole in zip(moving, every, strict=True):
         if len(spots) and len(whole):
             apart, which = map(np.asarray, KDTree(whole[:, :2]).query(spots[:, :2]))
-            shares.append(
-                (spots[:, 3] / whole[which, 3])[apart < whole[which, 2] + NEAR_PX]
-            )
-    share = np.concatenate(shares)
-    return bool(50 * len(left) < total or (len(share) and np.median(share) < 0.87))
+            same = apart < whole[which, 2] + NEAR_PX
+            shares.append((spots[:, 3] / whole[which, 3])[same])
+    return np.concatenate(shares)
 
 
 def shaken_px(recording: Recording) -> float:
@@ -170,17 +229,21 @@ def shaken_px(recording: Recording) -> float:
     what is wider than some 20 px, as light is. Particles alone are no still picture.
     """
     count = len(recording)
+    first = range(min(count, 12))
+    rows, cols = recording.attributes.size
+    middle = (_middle(rows), _middle(cols))
     frames = dict[int, Single]()
-    middle = tuple(
-        slice(max(n // 2 - 512, 0), n // 2 + 512) for n in recording.attributes.size
-    )
-    for t in {*range(0, count, 1 + count // 30), *range(min(count, 12))}:
+    for t in {*range(0, count, 1 + count // 30), *first}:
         gray = recording.gray(t)[middle].astype(np.float32)
         frames[t] = gray - cv2.GaussianBlur(gray, (0, 0), 8.0)
     still = np.median(list(frames.values()), axis=0)
+    if still.std() <= 0.4 * np.std(frames[0]):
+        return 0.0
     window = cv2.createHanningWindow(still.shape[::-1], 5)
-    found = [
-        cv2.phaseCorrelate(still, frames[t], window)[0] for t in range(min(count, 12))
-    ]
-    shaken = float(np.median(np.hypot(*np.diff(found, axis=0).T)))
-    return shaken if still.std() > 0.4 * np.std(frames[0]) else 0.0
+    found = [cv2.phaseCorrelate(still, frames[t], window)[0] for t in first]
+    return float(np.median(np.hypot(*np.diff(found, axis=0).T)))
+
+
+def _middle(length: int) -> slice:
+    """Return the middle 1,024 px of a side."""
+    return slice(max(length // 2 - 512, 0), length // 2 + 512)

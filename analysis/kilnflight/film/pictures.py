@@ -1,4 +1,4 @@
-"""Pictures of a run: detections, tracks, lengths and speeds, mean square displacement."""
+"""Pictures of a run: detections, tracks, lengths, speeds, square displacements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import chain
-from kilnflight.film.preparation import choose, spread
+from kilnflight.film.preparation import choose
+from kilnflight.film.prepared import spread
 from kilnflight.film.report import Tables
 from kilnflight.film.settings import Options
 from kilnflight.film.spreading import diffusion, followed, speeds, square_displacements
@@ -21,7 +22,8 @@ from kilnflight.recording.frames import Recording
 from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
 
 PREVIEW_FRAMES = 3
-PREVIEW_STEPS = (0.5, 1.0, 2.0)  # frames, and multiples of the threshold
+PREVIEW_STEPS = (0.5, 1.0, 2.0)  # multiples of the threshold
+BARS = {"color": "0.7", "edgecolor": "black"}  # of histograms
 
 
 def png(figure: Figure) -> bytes:
@@ -37,84 +39,145 @@ def pictures(
 ) -> Iterator[tuple[str, Figure]]:
     """Yield the names and figures of a run; the last one only if there are lags to fit.
 
-    Of the tables, detections and tracks are drawn; ``frames`` (n,) are the numbers of
-    the frames that were searched.
+    Parameters
+    ----------
+    recording
+        Recording whose first frame is shown.
+    tables
+        Detections and tracks are drawn.
+    frames
+        Numbers (n,) of the frames that were searched.
     """
-    counts = tables["detections"]["frame"].value_counts().reindex(frames, fill_value=0)
     linked = followed(tables["tracks"])
-    bars = {"color": "0.7", "edgecolor": "black"}
+    yield "detections", _counts(tables["detections"], frames)
+    yield "tracks", plot_tracks(recording, tables["tracks"])
+    yield "lengths-and-speeds", _lengths_and_speeds(linked)
+    spreading = square_displacements(linked)
+    if len(spreading) > 2:
+        yield "mean-square-displacement", _spreading(spreading)
+
+
+def _counts(detections: pd.DataFrame, frames: Any) -> Figure:
+    """Return a figure of the number of detections by frame."""
+    counts = detections["frame"].value_counts().reindex(frames, fill_value=0)
     figure, ((axes,),) = style.canvas(width_mm=120)
     axes.plot(frames, counts, lw=0.8)
     axes.set(xlabel="frame", ylabel="detections", ylim=(0, None))
-    yield "detections", figure
-    yield "tracks", plot_tracks(recording, tables["tracks"])
+    return figure
+
+
+def _lengths_and_speeds(linked: pd.DataFrame) -> Figure:
+    """Return histograms of the lengths of tracks and of the speeds of steps."""
     figure, ((left, right),) = style.canvas(columns=2, width_mm=style.PAGE_MM)
-    left.hist(linked["particle"].value_counts(), bins=30, **bars)
+    left.hist(linked["particle"].value_counts(), bins=30, **BARS)
     left.set(xlabel="length of a track (detections)", ylabel="tracks")
-    right.hist(speeds(linked), bins=40, **bars)
+    right.hist(speeds(linked), bins=40, **BARS)
     right.set(xlabel="speed (px/frame)", ylabel="steps")
-    yield "lengths-and-speeds", figure
-    spreading = square_displacements(linked)
-    if len(spreading) > 2:
-        figure, ((axes,),) = style.canvas(width_mm=120)
-        diffusing, error = diffusion(spreading)
-        lag = spreading["lag"].to_numpy()
-        mean = spreading["square_px2"].to_numpy()
-        axes.plot(lag, mean, "o", ms=3, label="tracks, drift taken off")
-        fitted = f"4 · {diffusing:.3g} px²/frame · lag {4 * error:+.3g} px²"
-        axes.plot(lag, 4 * (diffusing * lag + error), label=fitted)
-        axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
-        axes.legend()
-        yield "mean-square-displacement", figure
+    return figure
+
+
+def _spreading(displacements: pd.DataFrame) -> Figure:
+    """Return a figure of mean square displacements with their fit."""
+    figure, ((axes,),) = style.canvas(width_mm=120)
+    diffusing, error = diffusion(displacements)
+    lag = displacements["lag"].to_numpy()
+    mean = displacements["square_px2"].to_numpy()
+    axes.plot(lag, mean, "o", ms=3, label="tracks, drift taken off")
+    fitted = f"4 · {diffusing:.3g} px²/frame · lag {4 * error:+.3g} px²"
+    axes.plot(lag, 4 * (diffusing * lag + error), label=fitted)
+    axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
+    axes.legend()
+    return figure
 
 
 def plot_tracks(source: Any, tracks: pd.DataFrame) -> Figure:
-    """Return a figure of tracks over the first frame of their recording.
+    """Draw tracks over the first frame of their recording.
 
-    ``source`` is a recording or anything that `kilnflight.open` takes; ``tracks`` has
-    frame, particle and row, col or y, x in pixels.
+    Parameters
+    ----------
+    source
+        A recording, or anything that `kilnflight.open` takes.
+    tracks
+        Columns frame, particle and row, col or y, x (px).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import kilnflight
+    >>> film = kilnflight.sample_film()
+    >>> figure = kilnflight.plot_tracks(film.frames, film.truth)
+    >>> len(figure.axes[0].lines)
+    133
     """
+    gray = open_any(source).gray(0)
     figure, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
-    style.draw_frame(axes, gray := open_any(source).gray(0), 1 + gray.shape[1] // 800)
+    style.draw_frame(axes, gray, 1 + gray.shape[1] // 800)
+    where = "plot_tracks: tracks"
     table = with_pixels(tracks)
-    rows = order_tracks(table, where := "plot_tracks: tracks")[0]
-    places = TO_TRACK.check(table.assign(z=1.0), where).assign(
-        particle=table["particle"]
-    )
+    rows = order_tracks(table, where)[0]
+    places = TO_TRACK.check(table.assign(z=1.0), where)
+    places = places.assign(particle=table["particle"])
     style.draw_tracks(axes, places.iloc[rows])
     return figure
 
 
 def preview(source: Any, **options: Any) -> Figure:
-    """Return a figure of three frames with the detections of three thresholds.
+    """Draw three frames with the detections of three thresholds.
 
-    They are half, once and twice the threshold that a run takes; arguments as for
-    `kilnflight.detect`.
+    The thresholds are half, once and twice the one that a run takes.
+
+    Parameters
+    ----------
+    source
+        A recording, or anything that `kilnflight.open` takes.
+    **options
+        Those of `Options`, as for `kilnflight.detect`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import kilnflight
+    >>> figure = kilnflight.preview(kilnflight.sample_film().frames, threshold=500)
+    >>> len(figure.axes)
+    9
     """
-    first = (recording := open_any(source)).frame(0).index
-    run, given, rows = choose(recording, Options(**options))
+    recording = open_any(source)
+    first = recording.frame(0).index
+    run, known, rows = choose(recording, Options(**options))
+    seen = run.source.recording()
     frames = [run.start + k for k in spread(run.stop - run.start, PREVIEW_FRAMES)]
-    seen = list(chain.views(run.source.recording(), frames, run.background))
-    height = (
-        8.0
-        + style.PAGE_MM / 3 * recording.attributes.rows / recording.attributes.columns
+    views = list(chain.views(seen, frames, run.background))
+    attributes = recording.attributes
+    height_mm = 8.0 + style.PAGE_MM / 3 * attributes.rows / attributes.columns
+    figure, grid = style.canvas(
+        rows=len(frames),
+        columns=len(PREVIEW_STEPS),
+        width_mm=style.PAGE_MM,
+        height_mm=5.0 + height_mm * len(frames),
     )
-    shape = {"width_mm": style.PAGE_MM, "height_mm": 5.0 + height * len(frames)}
-    figure, grid = style.canvas(len(frames), len(PREVIEW_STEPS), **shape)
     warnings = [text for what, text in rows if what == "warning"]
     figure.suptitle("\n".join(warnings), fontsize=6, color=style.COLOURS[1])
-    single: Any = run.detector.detector
     for k, step in enumerate(PREVIEW_STEPS):
-        threshold = step * (given.threshold or 0.0)
-        finder = replace(single, **{fields(single)[0].name: threshold})
-        detector: Any = replace(run.detector, detector=finder)
-        for axes, (t, view) in zip(grid[:, k], seen, strict=True):
-            found = detector(view, run.source.recording().attributes.roi)
+        threshold = step * (known.threshold or 0.0)
+        detector = _with_threshold(run.detector, threshold)
+        for axes, (t, view) in zip(grid[:, k], views, strict=True):
+            found = detector(view, seen.attributes.roi)
             style.draw_frame(axes, recording.gray(t), 1)
             style.draw_circles(axes, found.iloc[:, 1:4].to_numpy(), style.COLOURS[1])
-            title = (
-                f"frame {view.number - first}, threshold {threshold:.3g}: {len(found)}"
-            )
-            axes.set_title(title, fontsize=6)
+            title = f"frame {view.number - first}, threshold {threshold:.3g}"
+            axes.set_title(f"{title}: {len(found)}", fontsize=6)
             axes.label_outer()
     return figure
+
+
+def _with_threshold(detector: Any, threshold: float) -> Any:
+    """Return a detector whose 2D detector, DoG or Otsu, has another threshold."""
+    single = detector.detector
+    name = fields(single)[0].name  # its first parameter
+    return replace(detector, detector=replace(single, **{name: threshold}))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,67 +15,82 @@ from tqdm import tqdm
 from kilnflight.checks import printable
 from kilnflight.film.spreading import followed
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
+from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 
-Tables = Mapping[
-    str, pd.DataFrame
-]  # detections, and those of `kilnflight.chain.CHAIN_STEPS`
+# Detections, and the tables of `kilnflight.chain.CHAIN_STEPS`.
+Tables = Mapping[str, pd.DataFrame]
+LEAST_MM = 100.0  # no kiln is so near
+MOST_MM = 50_000.0  # nor so deep
+
+
+class FrameFacts(NamedTuple):
+    """What one frame holds."""
+
+    darkest: int
+    brightest: int
+    saturated: float  # share of pixels that are as bright
+    points: int
+    nearest_mm: float
+    farthest_mm: float
+    labelled: bool
+
+
+def _facts(frame: Frame) -> FrameFacts:
+    """Return what a frame holds."""
+    z = frame.xyz[:, 2]
+    brightest = frame.gray.max()
+    return FrameFacts(
+        darkest=int(frame.gray.min()),
+        brightest=int(brightest),
+        saturated=float(np.mean(frame.gray == brightest)),
+        points=len(z),
+        nearest_mm=z.min(initial=np.inf),
+        farthest_mm=z.max(initial=-np.inf),
+        labelled=frame.labels is not None,
+    )
 
 
 def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
     """Read every frame once; return rows of ``what`` and ``value``, both texts."""
-    attributes = recording.attributes
-    rows = []
     recording.content()  # refused where it was changed after it was written
-    for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
-        frame = recording.frame(t)
-        gray, z, top = frame.gray, frame.xyz[:, 2], frame.gray.max()
-        ends = z.min(initial=np.inf), z.max(initial=-np.inf)
-        rows.append(
-            (gray.min(), top, np.mean(gray == top), len(z), *ends, frame.labels is None)
-        )
-    low, tops, shares, points, near, far, unlabelled = map(
-        np.array, zip(*rows, strict=True)
-    )
-    top = int(tops.max())
-    ends = (near.min(), far.max())
-    saturated = 100 * shares[tops == top].sum() / len(rows)
-    facts = [
+    frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)
+    each = pd.DataFrame([_facts(recording.frame(t)) for t in frames])
+    attributes = recording.attributes
+    top = each["brightest"].max()
+    points = each["points"]
+    told = f"{points.min()} to {points.max()} per frame, median {points.median():g}"
+    rows = [
         ("recording", attributes.name),
-        ("frames", f"{len(rows)} of {attributes.rows} x {attributes.columns} pixels"),
+        ("frames", f"{len(each)} of {attributes.rows} x {attributes.columns} pixels"),
         *(("note", note) for note in attributes.notes),
-        ("gray", f"{low.min()} to {top} ({top.bit_length()} bits)"),
-        (
-            "points",
-            f"{points.min()} to {points.max()} per frame, median {np.median(points):g}",
-        ),
-        ("labels", f"of {len(rows) - unlabelled.sum()} frames"),
+        ("gray", f"{each['darkest'].min()} to {top} ({int(top).bit_length()} bits)"),
+        ("points", told),
+        ("labels", f"of {each['labelled'].sum()} frames"),
     ]
+    saturated = 100 * each["saturated"][each["brightest"] == top].sum() / len(each)
     if top & (top + 1) == 0 and saturated > 0.1:  # all bits of the largest are 1
-        facts.append(
-            ("warning", f"{saturated:.2f} % of the pixels are {top}: saturated?")
-        )
+        told = f"{saturated:.2f} % of the pixels are {top}: saturated?"
+        rows.append(("warning", told))
     if points.any():
-        how = (
-            "no calibration stated"
-            if attributes.depth_calibration is None
-            else "as captured"
-        )
-        facts.append(("depth", "{:.0f} to {:.0f} mm, ".format(*ends) + how))
-        if ends[0] < 100.0 or ends[1] > 50_000.0:  # mm; no kiln is so near or deep
-            facts.append(
-                ("warning", "depths: is the unit right, is the invalid value?")
-            )
-    return pd.DataFrame(facts, columns=["what", "value"])
+        how = "as captured"
+        if attributes.depth_calibration is None:
+            how = "no calibration stated"
+        near = each["nearest_mm"].min()
+        far = each["farthest_mm"].max()
+        rows.append(("depth", f"{near:.0f} to {far:.0f} mm, {how}"))
+        if near < LEAST_MM or far > MOST_MM:
+            told = "depths: is the unit right, is the invalid value?"
+            rows.append(("warning", told))
+    return pd.DataFrame(rows, columns=["what", "value"])
 
 
 def aligned(rows: pd.DataFrame) -> str:
     """Return rows of ``what`` and ``value`` as text, one a line."""
     width = max(10, rows["what"].str.len().max())
-    return "\n".join(
-        printable(f"{what:<{width}}  {value}") for what, value in rows.to_numpy()
-    )
+    lines = [f"{what:<{width}}  {value}" for what, value in rows.to_numpy()]
+    return "\n".join(map(printable, lines))
 
 
 def summary(tables: Tables) -> dict[str, str]:
@@ -84,44 +100,52 @@ def summary(tables: Tables) -> dict[str, str]:
     brackets: 95 % interval over particles, by bootstrap; none for fewer than six.
     """
     flights = tables["flights"]
-    tracks = followed(tables["tracks"])
-    found = tables["detections"]
     counted = kept(flights[flights["from_lance"]])
-    depth = int(found["z"].notna().sum())
-    deep = (
-        f", {depth} with depth, {len(tables['tracks'])} not on the wall"
-        if depth
-        else ""
-    )
-    rows = {"detections": f"{len(found)}{deep}"}
-    n = tracks["particle"].nunique()
-    rows["tracks"] = (
-        f"{n} with {len(tracks)} detections, {len(tracks) / max(n, 1):.3g} each"
-    )
+    rows = _found(tables)
     if len(flights):
-        rows["flights from the lance"] = (
-            f"{len(counted)} of {len(flights)} trajectories"
-        )
-    ended = counted["ending"].isin(
-        [LANDED, BURNT_OUT]
-    )  # of others the end was not seen
-    dwell = counted.loc[ended, "dwell_s"]
-    if len(dwell):
-        median, *ends = median_interval(dwell, np.random.default_rng(0))[:3]
-        rows["dwell time, median"] = (
-            f"{median:.3f} s {np.round(ends, 3) if len(dwell) > 5 else ''}"
-        )
-    for name, values in {
-        "refused": flights["refused"],
-        **counted[["ending", "ignition"]],
-    }.items():
-        rows |= {
-            f"{name}: {why}": f"{n}" for why, n in values.value_counts().items() if why
-        }
+        told = f"{len(counted)} of {len(flights)} trajectories"
+        rows["flights from the lance"] = told
+    # the end of other flights was not seen
+    ended = counted["ending"].isin([LANDED, BURNT_OUT])
+    dwell_s = counted.loc[ended, "dwell_s"]
+    if len(dwell_s):
+        rows["dwell time, median"] = _median_s(dwell_s)
+    rows |= _counts("refused", flights["refused"])
+    rows |= _counts("ending", counted["ending"])
+    rows |= _counts("ignition", counted["ignition"])
     for _, metre in reaching(tables["slices"], len(counted)).iterrows():
-        value = (
-            f"median {metre['median_m_s']:.1f} m/s, {100 * metre['share']:.0f} % of "
-            "the flights"
-        )
-        rows[f"velocity in the metre up to {metre['slice_m']:g} m"] = value
+        share = f"{100 * metre['share']:.0f} % of the flights"
+        told = f"median {metre['median_m_s']:.1f} m/s, {share}"
+        rows[f"velocity in the metre up to {metre['slice_m']:g} m"] = told
     return rows
+
+
+def _found(tables: Tables) -> dict[str, str]:
+    """Return the numbers of detections and tracks."""
+    detections = tables["detections"]
+    tracks = followed(tables["tracks"])
+    told = f"{len(detections)}"
+    depth = int(detections["z"].notna().sum())
+    if depth:
+        told += f", {depth} with depth, {len(tables['tracks'])} not on the wall"
+    n = tracks["particle"].nunique()
+    each = f"{len(tracks) / max(n, 1):.3g} each"
+    return {
+        "detections": told,
+        "tracks": f"{n} with {len(tracks)} detections, {each}",
+    }
+
+
+def _median_s(dwell_s: pd.Series) -> str:
+    """Return the median of times, with its interval if there are more than five."""
+    median, low, high = median_interval(dwell_s, np.random.default_rng(0))[:3]
+    interval = ""
+    if len(dwell_s) > 5:
+        interval = f"{np.round([low, high], 3)}"
+    return f"{median:.3f} s {interval}"
+
+
+def _counts(what: str, reasons: pd.Series) -> dict[str, str]:
+    """Return how often each reason, not empty, occurs."""
+    counts = reasons.value_counts()
+    return {f"{what}: {why}": f"{n}" for why, n in counts.items() if why}

@@ -1,6 +1,4 @@
-"""The steps on a recording of one's own: detect, track, or all of them with tables and
-pictures.
-"""
+"""The steps on a recording of one's own: detect, track, or all of them."""
 
 from __future__ import annotations
 
@@ -28,16 +26,16 @@ from kilnflight.recording.store import StoredRecording, open_recording, write_re
 from kilnflight.recording.track_files import csv_of
 from kilnflight.store.cache import clear_parts, locked, write_whole
 from kilnflight.tables import with_pixels
-from kilnflight.tracking.filter import ConstantVelocity
+from kilnflight.tracking.filter import ConstantVelocity, Motion
 from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
 _GNN = GNN()
-ALWAYS = ("detections", "tracks")  # the other tables only if they have rows
+ALWAYS = ("detections", "tracks")  # the other tables are written only with rows
 
 
 def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
-    """Return the detections in all frames (`kilnflight.tables.DETECTIONS`).
+    """Return the detections in all frames.
 
     Parameters
     ----------
@@ -47,8 +45,26 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
         Whether to show a bar in a terminal.
     **options
         Those of `Options`, such as ``threshold=20``, ``dark=True`` or ``size=10``.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `kilnflight.tables.DETECTIONS`: frame, row, col, radius_px ...
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read, or an option does not fit it.
+
+    Examples
+    --------
+    >>> import kilnflight
+    >>> film = kilnflight.sample_film()
+    >>> found = kilnflight.detect(film.frames, threshold=500)
+    >>> found.columns[:4].tolist(), found["frame"].nunique()
+    (['frame', 'row', 'col', 'radius_px'], 16)
     """
-    run, *_ = choose(open_any(source), Options(**options))
+    run = choose(open_any(source), Options(**options)).run
     seen = run.source.recording()
     frames = range(run.start, run.stop)
     return chain.detect_frames(seen, frames, run.detector, run.background, progress)
@@ -62,14 +78,14 @@ def track_detections(
     memory: int = Management.invisible,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Return detections with ``particle``; -1 means in no track.
+    """Link detections to tracks.
 
     Parameters
     ----------
     detections
         Columns frame and row, col or y, x (px); depth z (mm) beside row, col.
     associator
-        Association of a frame, such as ``kilnflight.association.JPDA()``.
+        Association of a frame, such as ``kilnflight.JPDA()``.
     post_processing
         Whether tracklets are joined and filtered. None: where there is depth.
     max_step
@@ -79,37 +95,52 @@ def track_detections(
     progress
         Whether to show a bar in a terminal.
 
+    Returns
+    -------
+    DataFrame
+        The detections with the column ``particle``; -1 means in no track.
+
     Raises
     ------
     InputError
         As `kilnflight.tracking.track`.
+
+    Examples
+    --------
+    >>> import kilnflight
+    >>> truth = kilnflight.sample_film().truth
+    >>> tracks = kilnflight.track(truth[["frame", "row", "col"]])
+    >>> round(kilnflight.score_tracks(truth, tracks, gate=5.0).jsc_theta, 2)
+    0.95
     """
     table = with_pixels(detections)
     check_columns(table, ["frame"], "detections")
     frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
     if step != 1:
-        warnings.warn(
-            f"frames go in steps of {step:g}: they are counted from 0", stacklevel=2
-        )
+        told = f"frames go in steps of {step:g}: they are counted from 0"
+        warnings.warn(told, stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
-    deep = "z" in table and bool(table["z"].notna().any())
-    processed = deep if post_processing is None else post_processing
-    motion = (
-        ConstantVelocity()
-        if processed and max_step is None
-        else motion_of(table, max_step)
-    )
-    patience = Management(invisible=memory)
+    if post_processing is None:
+        post_processing = "z" in table and bool(table["z"].notna().any())
+    motion: Motion = ConstantVelocity()
+    if max_step is not None or not post_processing:
+        motion = motion_of(table, max_step)
     tracks = tracking.track(
-        table, associator, motion, management=patience, progress=progress
+        table,
+        associator,
+        motion,
+        management=Management(invisible=memory),
+        progress=progress,
     )
-    return postprocess(tracks) if processed else tracks
+    if post_processing:
+        return postprocess(tracks)
+    return tracks
 
 
 def run_recording(
     source: Any, target: Path | str | None = None, workers: Any = None, **options: Any
 ) -> dict[str, pd.DataFrame]:
-    """Run all steps on a recording, print what was found and return all tables by name.
+    """Run all steps on a recording, print what was found and return all tables.
 
     A killed run continues where it stopped.
 
@@ -124,45 +155,58 @@ def run_recording(
     **options
         Those of `Options`.
 
+    Returns
+    -------
+    dict
+        Tables by name: detections, tracks, trajectories, flights, slices, summary.
+
     Raises
     ------
     InputError
         If the recording cannot be used, or a file cannot be written, as on a full disk.
+
+    Examples
+    --------
+    >>> import kilnflight, tempfile
+    >>> film = kilnflight.sample_film()
+    >>> with tempfile.TemporaryDirectory() as folder:  # doctest: +ELLIPSIS
+    ...     tables = kilnflight.run(film.frames, f"{folder}/results", threshold=500)
+    recording        array
+    ...
+    >>> tables["tracks"]["frame"].nunique()
+    16
     """
-    (given := Options(**options)).check(recording := open_any(source))
+    given = Options(**options)
+    recording = open_any(source)
+    given.check(recording)
     target = Path(target or f"{recording.attributes.name}-run")
     check_apart(target, source, recording)
     if (target / "tracks.csv").exists() and not (target / "parts").is_dir():
         raise InputError(
             f"{target}: has a tracks.csv but no parts of a run. Name another folder."
         )
-    stored = (
-        recording
-        if isinstance(recording, StoredRecording)
-        else _stored(recording, target)
-    )
-    kiln_run, rows = prepare(stored, target, given)
-    chain.make_tables([kiln_run], workers, ())
-    if not kiln_run.post_processing or given.max_step:
-        motion = motion_of(kiln_run.detection.detections(), given.max_step)
-        kiln_run = replace(kiln_run, motion=motion)
-        rows.append(
-            (
-                "motion",
-                f"expected step {motion.velocity} px; change {motion.noise:g} px",
-            )
-        )
-    chain.make_tables([kiln_run], workers)
-    tables = {"detections": kiln_run.detection.detections()}
-    tables |= {step: kiln_run.table(step)() for step in CHAIN_STEPS}
-    rows += [
-        *summary(tables).items(),
-        *(("warning", doubt) for doubt in doubts(tables)),
-    ]
-    tables["summary"] = pd.DataFrame(rows, columns=(names := ["what", "value"]))
+    stored = recording
+    if not isinstance(stored, StoredRecording):
+        stored = _stored(stored, target)
+    run, rows = prepare(stored, target, given)
+    chain.make_tables([run], workers, steps=())
+    if given.max_step or not run.post_processing:
+        motion = motion_of(run.detection.detections(), given.max_step)
+        run = replace(run, motion=motion)
+        steps = f"expected step {motion.velocity} px; change {motion.noise:g} px"
+        rows.append(("motion", steps))
+    chain.make_tables([run], workers)
+    tables = {"detections": run.detection.detections()}
+    for step in CHAIN_STEPS:
+        tables[step] = run.table(step)()
+    rows += summary(tables).items()
+    rows += [("warning", doubt) for doubt in doubts(tables)]
+    names = ["what", "value"]
+    tables["summary"] = pd.DataFrame(rows, columns=names)
     index = stored.per_frame["index"]
-    publish(tables, stored, target, index[kiln_run.frames] - index[0])
-    print(aligned(pd.DataFrame([*rows, ("written to", f"{target}")], columns=names)))
+    publish(tables, stored, target, index[run.frames] - index[0])
+    rows.append(("written to", f"{target}"))
+    print(aligned(pd.DataFrame(rows, columns=names)))
     return tables
 
 
@@ -170,25 +214,26 @@ def check_apart(
     target: Path, source: Any, recording: FileRecording | StoredRecording
 ) -> None:
     """Raise an `InputError` if a target is the recording, or lies in it."""
-    path = (
-        source
-        if isinstance(source, str | Path)
-        else getattr(recording, "path", target / "none")
-    )
-    own = {Path(each).resolve() for each in (path, *getattr(recording, "files", ()))}
-    if own & {place := target.resolve(), *place.parents} or place.match(
-        f"{Path(path).absolute()}"
-    ):
-        raise InputError(
-            f"{target}: is or lies in the recording. Name another place to write to."
-        )
+    place = target.resolve()
+    own = [Path(file) for file in getattr(recording, "files", ())]
+    if isinstance(source, str | Path):
+        own.append(Path(source))
+    elif isinstance(recording, StoredRecording):
+        own.append(recording.path)
+    for path in own:
+        # a source may be a pattern
+        inside = path.resolve() in (place, *place.parents)
+        if inside or place.match(f"{path.absolute()}"):
+            raise InputError(
+                f"{target}: is or lies in the recording. Name another place to write "
+                "to."
+            )
 
 
 def _stored(recording: FileRecording, target: Path) -> StoredRecording:
-    """Return the Zarr copy of a recording, made if it is not there: films are read in
-    order.
-    """
-    (folder := target / "parts").mkdir(parents=True, exist_ok=True)
+    """Return the Zarr copy of a recording, made if missing: films are read in order."""
+    folder = target / "parts"
+    folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"recording-{recording.content()}.zarr"
     try:
         with locked(folder):
@@ -196,12 +241,10 @@ def _stored(recording: FileRecording, target: Path) -> StoredRecording:
                 raise InputError(
                     f"{target}: has the run of another film. Name another folder."
                 )
-            return (
-                open_recording(copy)
-                if copy.exists()
-                else write_recording(recording, copy)
-            )
-    finally:  # of a film that cannot be read nothing is left
+            if copy.exists():
+                return open_recording(copy)
+            return write_recording(recording, copy)
+    finally:  # nothing is left of a film that cannot be read
         with suppress(OSError):
             folder.rmdir()
             target.rmdir()
@@ -212,24 +255,18 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
-    names = [
-        name
-        for name in ("detections", *CHAIN_STEPS)
-        if len(tables[name]) or name in ALWAYS
-    ]
-    contents = {
-        f"{name}.parquet": tables[name].to_parquet(index=False) for name in names
-    }
+    contents = {}
+    for name in ("detections", *CHAIN_STEPS):
+        if name in ALWAYS or len(tables[name]):
+            contents[f"{name}.parquet"] = tables[name].to_parquet(index=False)
     for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
         contents[f"{name}.csv"] = csv_of(known).encode()
-    contents |= {
-        f"{name}.png": png(it) for name, it in pictures(recording, tables, frames)
-    }
+    for name, figure in pictures(recording, tables, frames):
+        contents[f"{name}.png"] = png(figure)
     with locked(folder):
-        (folder / "mean-square-displacement.png").unlink(
-            missing_ok=True
-        )  # of another run
+        # another run may have left one
+        (folder / "mean-square-displacement.png").unlink(missing_ok=True)
         for name, content in contents.items():
             clear_parts(folder / name)
             write_whole(folder / name, content)

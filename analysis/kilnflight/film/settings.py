@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from kilnflight.background import BackgroundModel, Median
@@ -10,12 +11,13 @@ from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.recording.frames import Recording
 from kilnflight.tracking.tracker import Management
 
+DETECTORS = ("dog", "otsu")
 BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run; None is estimated from the recording.
+    """Options of a run; what is None is estimated from the recording.
 
     Parameters
     ----------
@@ -50,6 +52,11 @@ class Options:
     ------
     InputError
         If a word is not known or a number is not above 0.
+
+    Examples
+    --------
+    >>> Options(dark=True, size=10.0).memory
+    5
     """
 
     detector: str = "dog"
@@ -71,28 +78,36 @@ class Options:
             value = getattr(self, name)
             if value is not None:
                 check_number(value, name, above=0)
-        for name, length in {"roi": 4, "frames": 2}.items():
+        for name, length in (("roi", 4), ("frames", 2)):
             value = getattr(self, name)
             if value is not None:
                 for number in check_finite(value, name, (length,)).tolist():
                     check_number(number, name, least=0, whole=True)
                 object.__setattr__(self, name, tuple(value))
-        for name, known in {
-            "detector": ("dog", "otsu"),
-            "background": BACKGROUNDS,
-        }.items():
-            if getattr(self, name) not in (None, *known):
-                raise InputError(
-                    f"{name}: {getattr(self, name)!r} is not {' or '.join(known)}."
-                )
+        _check_word(self.detector, "detector", DETECTORS)
+        if self.background is not None:
+            _check_word(self.background, "background", BACKGROUNDS)
 
     def check(self, recording: Recording) -> None:
         """Raise an `InputError` if frames or region are not in the recording."""
-        most = (len(recording), *recording.attributes.size)
-        ends = (self.frames or (0, most[0])) + (self.roi or (0, most[1], 0, most[2]))
-        if not all(
-            a < b <= end for a, b, end in zip(ends[::2], ends[1::2], most, strict=True)
-        ):
+        length = len(recording)
+        rows, cols = recording.attributes.size
+        frames = self.frames or (0, length)
+        roi = self.roi or (0, rows, 0, cols)
+        fits = (
+            frames[0] < frames[1] <= length
+            and roi[0] < roi[1] <= rows
+            and roi[2] < roi[3] <= cols
+        )
+        if not fits:
+            most = (length, rows, cols)
             raise InputError(
-                f"frames and roi: {ends} end before they begin, or beyond {most}."
+                f"frames and roi: {(*frames, *roi)} end before they begin, or beyond "
+                f"{most}."
             )
+
+
+def _check_word(word: str, name: str, known: Iterable[str]) -> None:
+    """Raise an `InputError` unless a word is one of the known."""
+    if word not in known:
+        raise InputError(f"{name}: {word!r} is not {' or '.join(known)}.")

@@ -1,4 +1,4 @@
-"""Summary of many flights in the quantities of section 5.3.
+"""Outcomes of many flights: the medians and shares of section 5.3.
 
 The input is arrays with one entry per particle, true or measured. Distances are in
 depth from the lance.
@@ -6,7 +6,9 @@ depth from the lance.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,30 +16,72 @@ import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array, Flags, Index
 
-METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
-LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the last one
+MARKS_M = (1, 2, 3, 4, 5)  # depths from the lance that flights pass (sec. 5.3.1)
+LAST_SHARE = 0.03  # least share of the particles that pass the last metre
+# Kinds of outcomes. A number has no interval.
+MEDIAN = "median"
+SHARE = "share"
+NUMBER = "number"
 
 
 class FlightValues(NamedTuple):
-    """Values of k complete flights, n counted particles and m lost flights.
+    """Values of n flights, k of which are complete.
 
     NaN stands for what did not happen. A dwell time ends "by landing or complete
     burning out" (section 5.3.1 of the thesis). Flights that are "not fully tracked"
-    "cannot be analyzed" (A.1), so lost flights have none: they are censored at the time
-    they were seen.
+    "cannot be analyzed" (A.1), so lost flights have none.
     """
 
     dwell_s: Array  # (k,): of complete flights
     velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8); NaN: not reached
     ignition_s: Array  # (n,): time from the lance; NaN: not ignited
     reached_m: Array  # (n,): depth travelled from the lance at the end of the flight
-    censored_s: Array = np.empty(
-        0
-    )  # (m,): time from the lance until lost flights were last seen
-    lost: Flags = np.zeros(0, np.bool_)  # (n,): which flights these are; empty: none
+    lost: Flags  # (n,): whether the end was not seen
 
 
-def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
+class Share(NamedTuple):
+    """A share of particles, and of how many."""
+
+    percent: float  # NaN: not known
+    counted: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A quantity of section 5.3, and how it is taken from many flights.
+
+    Parameters
+    ----------
+    name, unit
+        Such as "dwell median" and "s".
+    kind
+        `MEDIAN`, `SHARE` or `NUMBER`.
+    take
+        Returns what is behind the outcome: of a median the values (k,) with NaN, of a
+        share a `Share`, else the number itself.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    take: Callable[[FlightValues], Any]
+
+    @property
+    def label(self) -> str:
+        """Name and unit, a key of the published numbers (``flight.csv``)."""
+        return f"{self.name} ({self.unit})"
+
+    def estimate(self, values: FlightValues) -> float:
+        """Return the outcome of flights in its unit, NaN without a value."""
+        taken = self.take(values)
+        if self.kind == MEDIAN:
+            return float(pd.Series(taken).median())
+        if self.kind == SHARE:
+            return taken.percent
+        return float(taken)
+
+
+def remaining(values: FlightValues) -> tuple[Array, Index]:
     """Return the share of particles that pass 1 ... 5 m in per cent, and their number.
 
     Figs 5.21 to 5.24 print these shares. A flight ends where its dwell time does. A
@@ -46,113 +90,120 @@ def remaining(flight_values: FlightValues) -> tuple[Array, Index]:
     Returns
     -------
     share : array (5,)
-        Per cent, by metre of `METRES`; NaN without particles, and beyond the farthest
-        flight if that one was lost: nobody knows how many of its kind go on.
+        Per cent, by `MARKS_M`; NaN without particles, and beyond the farthest flight if
+        that one was lost: nothing tells how far such flights go.
     counted : array (5,)
-        Particles that were not lost before that metre.
+        Particles that were not lost before that mark.
     """
-    passed = np.where(np.isnan(flight_values.velocity_m_s), 0.0, METRES).max(
-        axis=1, initial=0.0
-    )
-    far = np.fmax(passed, flight_values.reached_m)
-    lost = (
-        flight_values.lost if len(flight_values.lost) else np.zeros(len(far), np.bool_)
-    )
-    marks = np.array(METRES) - 1e-9  # reaching a mark counts as passing it
-    counted = np.array([(~lost | (far >= mark)).sum() for mark in marks])
+    passed = np.where(np.isnan(values.velocity_m_s), 0.0, MARKS_M)
+    far = np.fmax(passed.max(axis=1, initial=0.0), values.reached_m)
+    marks = np.array(MARKS_M) - 1e-9  # reaching a mark counts as passing it
+    counted = (~values.lost[:, None] | (far[:, None] >= marks)).sum(axis=0)
     if not len(far):
         return np.full(len(marks), np.nan), counted
-    curve = scipy.stats.ecdf(
-        scipy.stats.CensoredData(uncensored=far[~lost], right=far[lost])
-    ).sf
+    distances = scipy.stats.CensoredData(
+        uncensored=far[~values.lost], right=far[values.lost]
+    )
+    curve = scipy.stats.ecdf(distances).sf
     share = 100.0 * np.asarray(curve.evaluate(marks))
-    share[(marks > far.max()) & (share > 0.0)] = np.nan
+    unknown = (marks > far.max()) & (share > 0.0)
+    share[unknown] = np.nan
     return share, counted
 
 
-def quartiles(values: Array) -> Array:
-    """Return the quartiles (3, ...) of the finite values (n, ...) by column.
-
-    NaN without values.
-    """
-    return (
-        pd.DataFrame(values)
-        .quantile([0.25, 0.5, 0.75])
-        .to_numpy()
-        .reshape(3, *values.shape[1:])
+def _velocity_within(metre: int) -> Outcome:
+    return Outcome(
+        f"velocity {metre - 1}-{metre} m",
+        "m/s",
+        MEDIAN,
+        lambda values: values.velocity_m_s[:, metre - 1],
     )
 
 
-def outcomes(flight_values: FlightValues) -> pd.Series:
-    """Return every quantity of section 5.3 by its name and unit, NaN without a value.
+def _last_velocity(values: FlightValues) -> Array:
+    """Return velocities in the last metre that `LAST_SHARE` of the particles pass."""
+    passed = np.flatnonzero(remaining(values)[0] >= 100.0 * LAST_SHARE)
+    return values.velocity_m_s[:, passed[-1:]].ravel()
+
+
+def _remaining_beyond(metre: int) -> Outcome:
+    def take(values: FlightValues) -> Share:
+        share, counted = remaining(values)
+        return Share(float(share[metre - 1]), int(counted[metre - 1]))
+
+    return Outcome(f"remaining {metre} m", "%", SHARE, take)
+
+
+def _share_of(flags: Flags) -> Share:
+    return Share(100.0 * float(pd.Series(flags).mean()), len(flags))
+
+
+def _of_ignited(when: str, low: float, high: float) -> Outcome:
+    """Return the share of the ignited that ignite after ``low``, up to ``high`` (s)."""
+
+    def take(values: FlightValues) -> Share:
+        times = values.ignition_s[np.isfinite(values.ignition_s)]
+        return _share_of((times > low) & (times <= high))
+
+    return Outcome(f"ignited {when} s", "% of ignited", SHARE, take)
+
+
+VELOCITIES = tuple(map(_velocity_within, MARKS_M))
+REMAINING = tuple(map(_remaining_beyond, MARKS_M))
+DWELL = Outcome("dwell median", "s", MEDIAN, lambda values: values.dwell_s)
+DWELL_SHORT = Outcome(
+    "dwell 0.3-0.4 s",
+    "%",
+    SHARE,
+    lambda values: _share_of((values.dwell_s >= 0.3) & (values.dwell_s <= 0.4)),
+)
+DWELL_LONG = Outcome(
+    "dwell > 0.4 s", "%", SHARE, lambda values: _share_of(values.dwell_s >= 0.4)
+)
+IGNITED = Outcome(
+    "ignited", "%", SHARE, lambda values: _share_of(np.isfinite(values.ignition_s))
+)
+IGNITED_EARLY = Outcome(
+    "ignited < 0.1 s", "%", SHARE, lambda values: _share_of(values.ignition_s <= 0.1)
+)
+IGNITION = Outcome("ignition median", "s", MEDIAN, lambda values: values.ignition_s)
+VELOCITY_OUTCOMES = (
+    *VELOCITIES,
+    Outcome("velocity last", "m/s", MEDIAN, _last_velocity),
+    *REMAINING,
+    Outcome("landed 1 m", "%", NUMBER, lambda values: 100.0 - remaining(values)[0][0]),
+)
+DWELL_OUTCOMES = (
+    DWELL,
+    Outcome(
+        "dwell longest", "s", NUMBER, lambda values: pd.Series(values.dwell_s).max()
+    ),
+    DWELL_SHORT,
+    DWELL_LONG,
+    Outcome("dwell > 1 s", "%", SHARE, lambda values: _share_of(values.dwell_s > 1.0)),
+    Outcome(
+        "penetration", "m", NUMBER, lambda values: pd.Series(values.reached_m).median()
+    ),
+)
+IGNITION_OUTCOMES = (
+    IGNITED,
+    IGNITED_EARLY,
+    _of_ignited("< 0.1", 0.0, 0.1),
+    _of_ignited("< 0.2", 0.0, 0.2),
+    _of_ignited("< 0.4", 0.0, 0.4),
+    _of_ignited("0.2-0.3", 0.2, 0.3),
+    IGNITION,
+)
+OUTCOMES = VELOCITY_OUTCOMES + DWELL_OUTCOMES + IGNITION_OUTCOMES
+
+
+def outcomes(values: FlightValues) -> pd.Series:
+    """Return every outcome of flights by `Outcome.label`, NaN without a value.
 
     Velocities are medians; "last" is the farthest metre that at least `LAST_SHARE` of
     the particles pass. Dwell times are those of complete flights. "ignited" counts all
     particles, "% of ignited" those that ignited. "penetration" is the median depth at
-    the end, "spread" the interquartile range, "landed 1 m" is 100 % minus "remaining 1
-    m". The names are keys of the published numbers (``flight.csv``), and
-    `kilnflight.experiments.flights.comparison.interval_of` reads them.
+    the end, "landed 1 m" is 100 % minus "remaining 1 m".
     """
-    times = pd.Series(flight_values.dwell_s)
-    ignition_s = pd.Series(flight_values.ignition_s)
-    share = remaining(flight_values)[0]
-    lit = ignition_s.dropna()
-    low, velocity, high = quartiles(flight_values.velocity_m_s)
-    q25, median, q75 = quartiles(flight_values.dwell_s)
-    metres = [f"{metre - 1}-{metre} m (m/s)" for metre in METRES]
-    last = np.flatnonzero(share >= 100.0 * LAST_SHARE)[-1:]
-    values = {f"velocity {metre}": v for metre, v in zip(metres, velocity, strict=True)}
-    values |= {"velocity last (m/s)": velocity[last[0]] if len(last) else np.nan}
-    values |= {f"remaining {m} m (%)": s for m, s in zip(METRES, share, strict=True)}
-    values |= {
-        "landed 1 m (%)": 100.0 - share[0],
-        "dwell q25 (s)": q25,
-        "dwell median (s)": median,
-        "dwell q75 (s)": q75,
-        "dwell longest (s)": times.max(),
-        "dwell 0.3-0.4 s (%)": 100.0 * times.between(0.3, 0.4).mean(),
-        "dwell > 0.4 s (%)": 100.0 * (times >= 0.4).mean(),
-        "dwell > 1 s (%)": 100.0 * (times > 1.0).mean(),
-        "penetration (m)": pd.Series(flight_values.reached_m).median(),
-        "ignited (%)": 100.0 * ignition_s.notna().mean(),
-        "ignited < 0.1 s (%)": 100.0 * (ignition_s <= 0.1).mean(),
-        "ignited < 0.1 s (% of ignited)": 100.0 * lit.between(0.0, 0.1, "right").mean(),
-        "ignited < 0.2 s (% of ignited)": 100.0 * lit.between(0.0, 0.2, "right").mean(),
-        "ignited < 0.4 s (% of ignited)": 100.0 * lit.between(0.0, 0.4, "right").mean(),
-        "ignited 0.2-0.3 s (% of ignited)": 100.0
-        * lit.between(0.2, 0.3, "right").mean(),
-        "ignition median (s)": lit.median(),
-        "dwell spread (s)": q75 - q25,
-    }
-    values |= {
-        f"spread {metre}": v for metre, v in zip(metres, high - low, strict=True)
-    }
-    return pd.Series(values, dtype=np.float64)
-
-
-def ignition_histogram(
-    ignition_s: Array, width_s: float = 0.1, bins: int = 8
-) -> pd.DataFrame:
-    """Return the share of particles that ignite in each bin of time (Figs 5.25, 5.26).
-
-    A time on the edge of two bins belongs to the earlier. The last bin holds all later
-    ignitions. The first one holds those before the fitted time at the lance, too: a fit
-    does not know the first detections if they have no depth.
-
-    Parameters
-    ----------
-    ignition_s
-        (n,) time from the lance in s; NaN: not ignited.
-    width_s, bins
-        Width of a bin in s (0.1, section 5.3.2) and number of bins.
-
-    Returns
-    -------
-    DataFrame
-        ``from_s``: start of the bin; ``percent`` of all n particles.
-    """
-    times = ignition_s[np.isfinite(ignition_s)]
-    place = np.clip((times - 1e-9) / width_s, 0, bins - 1).astype(np.intp)
-    counts = np.bincount(place, minlength=bins)
-    percent = 100.0 * counts / max(len(ignition_s), 1)
-    return pd.DataFrame({"from_s": width_s * np.arange(bins), "percent": percent})
+    found = {outcome.label: outcome.estimate(values) for outcome in OUTCOMES}
+    return pd.Series(found)

@@ -1,5 +1,4 @@
-"""Confidence intervals of medians and shares of particles, and of the measures of
-tracks.
+"""Confidence intervals of medians, of shares, and of the measures of tracks.
 
 Medians: bootstrap over particles. Shares: Wilson's interval, because a bootstrap of
 "none of 40 ignited" has no width. Differences: Newcombe's.
@@ -25,9 +24,9 @@ from kilnflight.checks import check_finite, check_number
 from kilnflight.scores.tracks import TrackScore
 
 LEVEL = 0.95
-DRAWS = 2000  # of a bootstrap
-# particles; the range of n values holds the median with probability 1 - 2^(1 - n)
-LEAST = 6
+DRAWS = 2000  # samples of a bootstrap
+# The range of n values holds the median with probability 1 - 2^(1 - n).
+LEAST = 6  # particles
 
 
 class Interval(NamedTuple):
@@ -53,10 +52,10 @@ def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
     """Return the ends of the interval that holds the middle 95 % of draws (n,)."""
     tail = (1 - LEVEL) / 2
     draws = check_finite(values, "percentiles: values", (None,))
-    low, high = (
-        np.quantile(draws, [tail, 1 - tail]) if len(draws) else (math.nan, math.nan)
-    )
-    return float(low), float(high)
+    if not len(draws):
+        return math.nan, math.nan
+    low, high = np.quantile(draws, [tail, 1 - tail]).tolist()
+    return low, high
 
 
 def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
@@ -72,32 +71,40 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
     """
     sample = check_finite(values, "median_interval: values", (None,))
     number = len(sample)
-    estimate = float(np.median(sample)) if number else math.nan
+    if number == 0:
+        return Interval(math.nan, -math.inf, math.inf, (0,))
+    estimate = float(np.median(sample))
     if number < LEAST:
         return Interval(estimate, -math.inf, math.inf, (number,))
-    draw = copy.deepcopy(generator).integers
-    rounds = max(1, 2_000_000 // number)  # bounds memory
-    counts = np.diff([*range(0, DRAWS, rounds), DRAWS]).tolist()
-    medians = [
-        np.median(sample[draw(0, number, (count, number))], axis=-1) for count in counts
-    ]
-    return Interval(estimate, *percentiles(np.concatenate(medians)), (number,))
+    low, high = scipy.stats.bootstrap(
+        (sample,),
+        np.median,
+        n_resamples=DRAWS,
+        batch=max(1, 2_000_000 // number),  # bounds memory
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=copy.deepcopy(generator),
+    ).confidence_interval
+    return Interval(estimate, float(low), float(high), (number,))
 
 
 def share(number: int, counted: int) -> Interval:
     """Return the share ``number`` of ``counted`` with its interval (Wilson 1927).
 
     Shares are 0 to 1. With ``counted`` 0 the share is NaN and the interval 0 to 1.
+
+    Examples
+    --------
+    >>> none = share(0, 40)
+    >>> none.estimate, round(none.high, 3)
+    (0.0, 0.088)
     """
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
-    interval = scipy.stats.binomtest(number, counted).proportion_ci(
-        LEVEL, method="wilson"
-    )
-    return Interval(
-        number / counted, float(interval.low), float(interval.high), (counted,)
-    )
+    test = scipy.stats.binomtest(number, counted)
+    low, high = test.proportion_ci(LEVEL, method="wilson")
+    return Interval(number / counted, float(low), float(high), (counted,))
 
 
 def track_draws(

@@ -14,13 +14,12 @@ LEARNED = LearnedSettings(
 )
 TRUE = pd.DataFrame(
     {
-        "particle": [10, 11, 12, 13],
-        "ending": ["burnt out", "landed", "landed", "landed"],
-        "dwell_s": [0.3, 0.4, 0.5, 0.6],
-        "velocity_m_s": [5.0, 6.0, 7.0, 8.0],
-        "ignition_s": [0.1, np.nan, np.nan, 0.2],
-        "whole": [True, True, True, False],
-        "measurable": [True, True, False, True],
+        "particle": [10, 11, 12],
+        "ending": ["burnt out", "landed", "landed"],
+        "dwell_s": [0.3, 0.4, 0.5],
+        "velocity_m_s": [5.0, 6.0, 7.0],
+        "ignition_s": [0.1, np.nan, np.nan],
+        "measurable": [True, True, False],
     }
 )
 FLIGHTS = pd.DataFrame(
@@ -47,7 +46,7 @@ def test_flights_beside_the_truth():
     assert both["track"].tolist() == [1, -1, -1, 3]  # the longest of a particle
     assert both.loc[0, ["measured_dwell_s", "true_dwell_s"]].tolist() == [0.32, 0.3]
     assert both["true_dwell_s"].notna().tolist() == [True, True, True, False]
-    row = errors(both)  # of measurable particles
+    row = errors(both)
     names = ["measurable_particles", "detected_particles", "false_flights"]
     assert [row[name] for name in names] == [2, 1, 1]
     assert row["dwell_s_bias"] == pytest.approx(0.02)
@@ -55,7 +54,7 @@ def test_flights_beside_the_truth():
     assert row["ignition_s_bias"] == pytest.approx(0.05)
     assert (row["lit"], row["lit_detected"], row["unlit"]) == (1, 1, 0)
     assert row["detected_low"] < 0.5 < row["detected_high"]
-    assert np.isnan(row["dwell_s_low"])  # of one particle nothing is sure
+    assert np.isnan(row["dwell_s_low"])  # one particle has no interval
 
 
 def test_true_places_replace_those_of_known_owners_and_links_lose_depths_of_no_gate():

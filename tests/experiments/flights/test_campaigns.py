@@ -29,7 +29,8 @@ def test_values_are_of_accepted_flights_from_the_lance():
     )
     velocity = {"slice_m": [1.0, -1.0, 1.0, 2.0], "velocity_m_s": [5.0, -3.0, 8.0, 7.0]}
     sliced = pd.DataFrame({"particle": [1, 2, 2, 2], **velocity})
-    values = campaigns.flight_values(fitted, flown, sliced)
+    measured = campaigns.Measurement(tracks, fitted, flown, sliced)
+    values = campaigns.flight_values(measured)
     assert values.dwell_s.tolist() == [0.3, 0.4]
     np.testing.assert_equal(
         values.velocity_m_s[:, :3], [[5, np.nan, np.nan], [8, 7, np.nan]]
@@ -37,25 +38,22 @@ def test_values_are_of_accepted_flights_from_the_lance():
     np.testing.assert_equal(values.ignition_s, [np.nan, 0.1])
     np.testing.assert_allclose(values.reached_m, [1.5, 2.4], rtol=1e-3)
     lost = flown.assign(ending=["lost", "burnt out", "landed"], last_s=[0.25, 0.4, 9.0])
-    values = campaigns.flight_values(fitted, lost, sliced)
+    values = campaigns.flight_values(measured._replace(flights=lost))
     assert values.dwell_s.tolist() == [0.4]  # only complete flights have a dwell time
     every = campaigns.flight_values(
-        fitted, lost, sliced, complete=("lost", "burnt out")
+        measured._replace(flights=lost), complete=("lost", "burnt out")
     )
     assert every.dwell_s.tolist() == [0.3, 0.4]
     left = lost.assign(ending=["left the view", "lost", "landed"])
-    assert campaigns.flight_values(fitted, left, sliced).dwell_s.tolist() == [0.3]
-    assert values.censored_s.tolist() == [
-        0.25
-    ]  # last detected 0.25 s after it left, at t0 = 0
+    left_values = campaigns.flight_values(measured._replace(flights=left))
+    assert left_values.dwell_s.tolist() == [0.3]
+    assert values.lost.tolist() == [True, False]
     assert len(values.ignition_s) == len(values.reached_m) == 2
     refused = lost.assign(refused=["", "turns back behind the lance", ""])
-    values = campaigns.flight_values(fitted, refused, sliced)
-    assert (len(values.dwell_s), len(values.censored_s), len(values.velocity_m_s)) == (
-        0,
-        1,
-        1,
-    )
+    values = campaigns.flight_values(measured._replace(flights=refused))
+    assert len(values.dwell_s) == 0
+    assert values.lost.tolist() == [True]
+    assert len(values.velocity_m_s) == 1
 
 
 @given(

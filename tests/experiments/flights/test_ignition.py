@@ -75,7 +75,7 @@ def test_hits_and_false_alarms_are_counted():
     ]
     both = both.assign(**dict.fromkeys(other, 1.0))
     row = errors(both)
-    assert (row["lit"], row["unlit"]) == (2, 3)  # of the five that were detected
+    assert (row["lit"], row["unlit"]) == (2, 3)  # five were detected
     assert (row["lit_detected"], row["unlit_detected"]) == (1, 1)
     assert row["ignition_s_bias"] == pytest.approx(0.03)
 

@@ -17,18 +17,16 @@ from kilnflight import chain, regression
 from kilnflight.chain import Chain
 from kilnflight.experiments.flights import campaigns
 from kilnflight.experiments.flights.campaigns import (
-    KEYS,
     Campaign,
+    Measurement,
     counted_flights,
-    of_campaign,
     stack,
 )
-from kilnflight.experiments.flights.comparison import interval_columns, median_of
+from kilnflight.experiments.flights.comparison import median_columns
 from kilnflight.experiments.flights.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import Three
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.truth import metre_velocities
 from kilnflight.store import parallel
@@ -38,19 +36,16 @@ from kilnflight.tracklets import postprocess, tracked
 
 Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
+# Grey values of true positions are below and above that of the wall.
 UNLIT_GRAY = 1000.0
-LIT_GRAY = FULL_SCALE  # of true positions: darker and lighter than the wall
-SCATTER_MM = (
-    6.9,
-    7.0,
-    156.9,
-)  # medians over the fractions of RMSE in x, y, z, Table 5.18
+LIT_GRAY = FULL_SCALE
+SCATTER_MM = (6.9, 7.0, 156.9)  # RMSE in x, y, z (Table 5.18), medians over fractions
 WHOLE = "whole chain"
 AXES = ["x", "y", "z"]
 
 
 class FlightTables(NamedTuple):
-    """Measured flights of one campaign, from the whole chain or with a step replaced."""
+    """Measured flights of one campaign, by the whole chain or with a step replaced."""
 
     flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
     slices: pd.DataFrame  # `kilnflight.tables.SLICES`
@@ -58,47 +53,34 @@ class FlightTables(NamedTuple):
 
 
 def true_flights(campaign: Campaign) -> pd.DataFrame:
-    """Return the true flights in the frames of a campaign, one row per particle.
+    """Return the true flights within the frames of a campaign, one row per particle.
 
     Returns
     -------
     DataFrame
         ``particle``; ``ending``; ``dwell_s`` (NaN if it neither landed nor burnt out);
-        ``velocity_m_s`` within the first metre; ``velocity_1_m_s`` to
-        ``velocity_5_m_s`` within each metre (Eq. 5.8; NaN if not passed);
-        ``ignition_s`` after the release (NaN: never); ``whole``: released and ended
-        within the frames; ``measurable``: visible in the air at five positions or more
+        ``velocity_m_s`` within the first metre; ``ignition_s`` after the release (NaN:
+        never); ``measurable``: visible in the air at five positions or more
         (`kilnflight.simulated.kiln.truth.true_trajectories`).
     """
-    twin = campaigns.twin_of(campaign)
-    frames = campaign.frames
-    flights = twin.life.flights
-    rate = twin.scene.frame_rate_hz
-    release = twin.life.release_s * rate
-    metres = metre_velocities(flights)
-    table = twin.life.table[["particle"]].assign(ending=twin.life.table["end"])
+    life = campaigns.twin_of(campaign).life
+    names = {"end": "ending", "end_s": "dwell_s"}
+    table = life.table[["particle", *names, "ignition_s"]].rename(columns=names)
+    complete = table["ending"].isin([LANDED, BURNT_OUT])
+    seen = campaigns.true_positions(campaign)["particle"]
     table = table.assign(
-        dwell_s=np.where(
-            table["ending"].isin([LANDED, BURNT_OUT]), flights.end_s, np.nan
-        ),
-        velocity_m_s=metres[:, 0],
-        **{f"velocity_{metre}_m_s": metres[:, k] for k, metre in enumerate(METRES)},
-        ignition_s=flights.ignition_s,
-        whole=campaigns.whole_flights(campaign),
-        measurable=table["particle"].isin(
-            campaigns.true_positions(campaign)["particle"]
-        ),
+        dwell_s=table["dwell_s"].where(complete),
+        velocity_m_s=metre_velocities(life.flights)[:, 0],
+        measurable=table["particle"].isin(seen),
     )
-    flying = (release < frames.stop) & (release + flights.end_s * rate > frames.start)
-    return table[flying].reset_index(drop=True)
+    return table[campaigns.whole_flights(campaign)].reset_index(drop=True)
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true values, a row per particle and false flight.
 
-    Only particles whose whole flight lies within the recorded frames have a row. A
-    particle with several tracks is represented by the longest. False flights belong to
-    no particle and come last.
+    A particle with several tracks is represented by the longest. False flights belong
+    to no particle and come last.
 
     Parameters
     ----------
@@ -114,26 +96,21 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
         ``ending`` and ``true_ending`` ("" if unknown), ``measured_`` and ``true_`` of
         `QUANTITIES`.
     """
-    counted = with_particles(measured)
-    slices = measured.slices
-    first = slices[slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
-    counted["velocity_m_s"] = counted["track"].map(first).astype(np.float64)
-    ours = counted.rename(columns={name: f"measured_{name}" for name in QUANTITIES})
-    columns = [
-        "track",
-        "particle",
-        "ending",
-        *(f"measured_{name}" for name in QUANTITIES),
-    ]
-    names = {name: f"true_{name}" for name in ("ending", *QUANTITIES)}
-    real = true.loc[true["whole"], ["particle", "measurable", *names]].rename(
-        columns=names
-    )
-    both = real.merge(ours.loc[ours["longest"], columns], how="left", on="particle")
-    false = ours.loc[ours["particle"] < 0, columns].assign(measurable=False)
+    first = measured.slices[measured.slices["slice_m"] == 1.0]
+    velocity = first.set_index("particle")["velocity_m_s"]
+    ours = with_particles(measured)
+    ours["velocity_m_s"] = ours["track"].map(velocity).astype(np.float64)
+    ours = ours.set_index(["track", "particle", "ending", "longest"])[[*QUANTITIES]]
+    ours = ours.add_prefix("measured_").reset_index()
+    longest = ours.pop("longest")
+    real = true.set_index(["particle", "measurable"])[["ending", *QUANTITIES]]
+    real = real.add_prefix("true_").reset_index()
+    both = real.merge(ours[longest], how="left", on="particle")
+    false = ours[ours["particle"] < 0].assign(measurable=False)
     both = pd.concat([both, false], ignore_index=True)
-    both[["ending", "true_ending"]] = both[["ending", "true_ending"]].fillna("")
-    return both.assign(track=both["track"].fillna(-1).astype(np.int64))
+    return both.fillna({"track": -1, "ending": "", "true_ending": ""}).astype(
+        {"track": np.int64}
+    )
 
 
 def with_particles(measured: FlightTables) -> pd.DataFrame:
@@ -158,12 +135,16 @@ def with_particles(measured: FlightTables) -> pd.DataFrame:
 def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables]]:
     """Yield each campaign and its measured flights with their true particles."""
     for campaign in results.campaigns:
-        tracks, _, flights, slices = (
-            of_campaign(each, campaign.key) for each in results.tables
-        )
+        tables = results.tables.of(campaign.key)
         true = campaigns.true_positions(campaign)
-        flights, slices = (table.drop(columns=KEYS) for table in (flights, slices))
-        yield campaign, FlightTables(flights, slices, particle_of_track(tracks, true))
+        yield (
+            campaign,
+            FlightTables(
+                flights=tables.flights,
+                slices=tables.slices,
+                particles=particle_of_track(tables.tracks, true),
+            ),
+        )
 
 
 def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
@@ -200,29 +181,34 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     measured = real["track"] >= 0
     share = intervals.share(int(measured.sum()), len(real))
     row = {
-        "measurable_particles": float(len(real)),
-        "detected_particles": float(measured.sum()),
+        "measurable_particles": len(real),
+        "detected_particles": measured.sum(),
+        "false_flights": (both["particle"] < 0).sum(),
+        "detected_low": share.low,
+        "detected_high": share.high,
     }
-    row |= {"false_flights": float((both["particle"] < 0).sum())}
-    row |= {"detected_low": share.low, "detected_high": share.high}
     for name in QUANTITIES:
-        off = (
-            (real[f"measured_{name}"] - real[f"true_{name}"])
-            .dropna()
-            .to_numpy(np.float64)
-        )
-        low, bias, high = (
-            np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
-        )
-        ends = interval_columns(median_of(off, generator))
-        row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
-        row |= {f"{name}_spread": (high - low) / 2}
-        row |= {f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
+        off = real[f"measured_{name}"] - real[f"true_{name}"]
+        found = _bias(off.dropna(), generator)
+        row |= {f"{name}_{kind}": value for kind, value in found.items()}
     lit = real["true_ignition_s"].notna()
     seen = real["measured_ignition_s"].notna()
     for name, kind in (("lit", measured & lit), ("unlit", measured & ~lit)):
-        row |= {name: float(kind.sum()), f"{name}_detected": float((kind & seen).sum())}
-    return row
+        row |= {name: kind.sum(), f"{name}_detected": (kind & seen).sum()}
+    return {name: float(value) for name, value in row.items()}
+
+
+def _bias(off: pd.Series, generator: np.random.Generator) -> dict[str, float]:
+    """Return number, bias, spread, and the interval of the bias of measured - true."""
+    low, bias, high = off.quantile([0.16, 0.5, 0.84])
+    ends = median_columns(off, generator)
+    return {
+        "n": len(off),
+        "bias": bias,
+        "spread": (high - low) / 2,
+        "low": ends["low"],
+        "high": ends["high"],
+    }
 
 
 def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
@@ -236,27 +222,22 @@ def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
         ``fraction``, ``pressure_bar``, ``replaced_step`` (see `replace_steps`), the
         entries of `errors`; ``flights`` that count.
     """
-    pieces = ((campaign, results.tables[:2]) for campaign in results.campaigns)
-    parts = zip(results.campaigns, parallel.run_all(_budget, pieces, jobs), strict=True)
-    return stack({campaign.key: part for campaign, part in parts})
+    pieces = [(each, results.tables.of(each.key)) for each in results.campaigns]
+    parts = parallel.run_all(_budget, pieces, jobs)
+    keys = [each.key for each in results.campaigns]
+    return stack(dict(zip(keys, parts, strict=True)))
 
 
-def _budget(
-    campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]
-) -> pd.DataFrame:
-    """Return the rows of `error_budget` for one campaign, without its key.
-
-    ``measured`` holds the tracks and the trajectories of all campaigns.
-    """
-    parts = (of_campaign(table, campaign.key).drop(columns=KEYS) for table in measured)
-    tracks, trajectories = (part.reset_index(drop=True) for part in parts)
+def _budget(campaign: Campaign, measured: Measurement) -> pd.DataFrame:
+    """Return the rows of `error_budget` for one campaign, without its key."""
     true = true_flights(campaign)
     rows = []
-    for step, tables in replace_steps(campaign, tracks, regression.fits(trajectories)):
-        counted = len(counted_flights(tables.flights))
-        rows.append(
-            {"replaced_step": step, **errors(compare(tables, true)), "flights": counted}
-        )
+    for step, tables in replace_steps(
+        campaign, measured.tracks, regression.fits(measured.trajectories)
+    ):
+        found = errors(compare(tables, true))
+        flights = len(counted_flights(tables.flights))
+        rows.append({"replaced_step": step, **found, "flights": flights})
     return pd.DataFrame(rows)
 
 
@@ -269,12 +250,11 @@ def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
     """
     owner = true_particles(tracks, true)
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
-    count = (
-        table[table["particle"] >= 0].value_counts(["particle", "owner"]).reset_index()
-    )
-    count["of"] = count.groupby("particle")["count"].transform("sum")
-    best = count.sort_values(["particle", "count", "owner"]).groupby("particle").last()
-    return best["owner"].where(2 * best["count"] >= best["of"], -1)
+    pairs = table[table["particle"] >= 0].value_counts(["particle", "owner"])
+    count = pairs.reset_index().sort_values(["particle", "count", "owner"])
+    by_track = count.groupby("particle")
+    best = by_track.last()
+    return best["owner"].where(2 * best["count"] >= by_track["count"].sum(), -1)
 
 
 def replace_steps(
@@ -307,35 +287,27 @@ def replace_steps(
     positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
     linked, deep = with_truth(tracks, true_particles(tracks, true), true)
-    ours = particle_of_track(tracks, true)
     exact = fit_tracks(run, positions)
+    ours = particle_of_track(tracks, true)
     replaced = {name: exact[ours[name]] for name in measured if ours[name] in exact}
-    cases = {
-        "true positions and links": (
-            positions,
-            exact,
-            particle_of_track(positions, true),
-        ),
-        "true links": (
-            linked,
-            fit_tracks(run, linked),
-            particle_of_track(linked, true),
-        ),
-        "true positions": (
-            followed,
-            fit_tracks(run, followed),
-            particle_of_track(followed, true),
-        ),
-        "true depth": (deep, fit_tracks(run, deep), ours),
-        "true trajectories": (tracks, {**measured, **replaced}, ours),
-        "weighted axes": (tracks, fit_tracks(run, tracks, SCATTER_MM), ours),
-        WHOLE: (tracks, measured, ours),
-    }
-    for name, (table, trajectories, owners) in cases.items():
-        flights = chain.flights_from(run, table, trajectories)
+    cases = (
+        ("true positions and links", positions, exact),
+        ("true links", linked, fit_tracks(run, linked)),
+        ("true positions", followed, fit_tracks(run, followed)),
+        ("true depth", deep, fit_tracks(run, deep)),
+        ("true trajectories", tracks, measured | replaced),
+        ("weighted axes", tracks, fit_tracks(run, tracks, SCATTER_MM)),
+        (WHOLE, tracks, measured),
+    )
+    for step, table, fits in cases:
+        flights = chain.flights_from(run, table, fits)
         yield (
-            name,
-            FlightTables(flights, chain.slices_from(flights, trajectories), owners),
+            step,
+            FlightTables(
+                flights=flights,
+                slices=chain.slices_from(flights, fits),
+                particles=particle_of_track(table, true),
+            ),
         )
 
 
@@ -349,11 +321,8 @@ def with_truth(
     by at least the tracker's gate: such points belong to the background.
     """
     index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
-    places = (
-        true.set_index(["frame", "particle"])[AXES]
-        .reindex(index)
-        .set_axis(tracks.index)
-    )
+    places = true.set_index(["frame", "particle"])[AXES].reindex(index)
+    places.index = tracks.index
     linked = tracks.assign(particle=owner)
     linked.loc[(tracks["z"] - places["z"]).abs() >= Gate().depth_mm, AXES] = np.nan
     return linked, tracks.assign(**places.fillna(tracks[AXES]))
@@ -370,20 +339,16 @@ def fit_tracks(
     """
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
     rows = tracked(table)
-    scaled = rows.assign(
-        **{axis: rows[axis] / scale for axis, scale in zip(AXES, scale_mm, strict=True)}
-    )
+    scaled = rows.assign(**(rows[AXES] / list(scale_mm)))
     exit_point = np.divide(run.exit_point_mm, scale_mm)
     fits = regression.fits(
         regression.regress_all(scaled, exit_point, run.frame_rate_hz)
     )
     for name, fit in fits.items():
-        factors = zip(fit.coefficients, scale_mm, strict=True)
+        axes = zip(fit.coefficients, scale_mm, strict=True)
         fits[name] = replace(
             fit,
             exit_point_mm=run.exit_point_mm,
-            coefficients=tuple(
-                tuple(c * scale for c in axis) for axis, scale in factors
-            ),
+            coefficients=tuple(tuple(c * scale for c in axis) for axis, scale in axes),
         )
     return fits

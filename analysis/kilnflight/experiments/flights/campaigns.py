@@ -22,11 +22,11 @@ import pandas as pd
 from kilnflight import chain, regression
 from kilnflight.arrays import Array
 from kilnflight.chain import Chain, DetectionRun
-from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments.detection import labelled
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
+from kilnflight.experiments.flights.identified import BEYOND_CROSSING_MM
 from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.flight import (
     BEHIND,
@@ -41,32 +41,27 @@ from kilnflight.flight import (
     straight_on,
 )
 from kilnflight.ignition import Ignition
-from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.scores.flights import MARKS_M, FlightValues
 from kilnflight.simulated.kiln import truth
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.simulated.kiln.scenes import (
     PRESSURES_BAR,
     campaign_name,
-    open_scene,
     scene_name,
 )
 from kilnflight.store.cache import CachedTable
 from kilnflight.store.parallel import Workers
-from kilnflight.tables import TRAJECTORIES
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
-FRAMES = {
-    "quick": 24,
-    "standard": 200,
-    "full": 0,
-}  # by scale; 0: all; a flight lasts 60 to 165
+# Frames of a campaign by scale; 0: all. A flight lasts 60 to 165.
+FRAMES = {"quick": 24, "standard": 200, "full": 0}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 # What leaves the view counts with the time computed; what is lost within it does not
 # (A.1).
 COMPLETE = (LANDED, BURNT_OUT, LEFT)
-# Campaigns by scale: two of a smoke run, those of one pressure if reduced.
+# Two campaigns make a smoke run; a reduced run has those of one pressure.
 CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
     "quick": (("wood chip", 4.5), ("paper shred", 4.5)),
     "standard": tuple((fraction, 4.5) for fraction in FRACTIONS),
@@ -110,41 +105,52 @@ class LearnedSettings:
 def settings_from_labels(
     scale: str, seed: int = 0, scenario: str = "base"
 ) -> LearnedSettings:
-    """Return threshold, wall and limit found on labelled frames, cached.
-
-    The frames are those of ``scale``. The values come from the cached row of
-    `_settings`.
-    """
+    """Return threshold, wall and limit found on labelled frames of a scale, cached."""
     make = partial(_settings, scale, seed, scenario)
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
-    values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
-    threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
-    return LearnedSettings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
+    row = CachedTable("settings", make, depends_on)().iloc[0]
+    wall = Cylinder(
+        centre_mm=tuple(row["centre_mm"].tolist()),
+        direction=tuple(row["direction"].tolist()),
+        radius_mm=float(row["radius_mm"]),
+    )
+    return LearnedSettings(float(row["threshold"]), wall, float(row["in_air_mm"]))
 
 
 def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
-    """Return threshold, radius, limit, centre and axis, one row of nine columns.
-
-    The threshold is in grey values, lengths are in mm; centre and direction of the
-    cylinder's axis take three columns each. `settings_from_labels` reads the row by
-    position.
-    """
+    """Return `settings_from_labels` as one row, lengths in mm."""
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
-    counts = labelled.sum_counts(
-        labelled.compare_thresholds(subsets, scale), ["threshold"]
-    )
-    best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
-    threshold = float(best.max())  # of ties the highest
+    threshold = _best_threshold(subsets, scale)
     points = labelled.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = fit_cylinder(points, seed)
+    row = {
+        "threshold": threshold,
+        "centre_mm": wall.centre_mm,
+        "direction": wall.direction,
+        "radius_mm": wall.radius_mm,
+        "in_air_mm": _air_limit(subsets, threshold, wall),
+    }
+    return pd.DataFrame([row])
+
+
+def _best_threshold(subsets: list[labelled.Subset], scale: str) -> float:
+    """Return the threshold of the best F1 on all frames, of equal ones the highest."""
+    table = labelled.compare_thresholds(subsets, scale)
+    counts = labelled.sum_counts(table, ["threshold"])
+    best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
+    return float(best.max())
+
+
+def _air_limit(
+    subsets: list[labelled.Subset], threshold: float, wall: Cylinder
+) -> float:
+    """Return the largest distance from the wall's axis in the air, in mm (5.1.4)."""
     detectors = {subset.name: Combination(sift(threshold)) for subset in subsets}
     marked, _ = labelled.positions(subsets, detectors, wall)
     known = marked.dropna(subset="z")
     distance = known["distance_mm"].to_numpy()
     flying = (known["label"] != 4).to_numpy()
-    limit = crossing(distance[flying], distance[~flying]) + 40.0
-    values = [threshold, wall.radius_mm, limit, *wall.centre_mm, *wall.direction]
-    return pd.DataFrame([values]).add_prefix("value_")
+    return crossing(distance[flying], distance[~flying]) + BEYOND_CROSSING_MM
 
 
 class Campaign(NamedTuple):
@@ -188,18 +194,11 @@ def campaigns(
     keys
         Fraction and pressure of some; None: all of the scale.
     """
-    if scale not in FRAMES:
-        raise InputError(
-            f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}."
-        )
-    return [
-        Campaign(
-            fraction,
-            bar,
-            _run(campaign_name(fraction, bar), scale, settings, seed, scenario),
-        )
-        for fraction, bar in keys or CAMPAIGNS[scale]
-    ]
+    recorded = []
+    for fraction, bar in keys or CAMPAIGNS[scale]:
+        run = _run(campaign_name(fraction, bar), scale, settings, seed, scenario)
+        recorded.append(Campaign(fraction, bar, run))
+    return recorded
 
 
 def _run(
@@ -207,7 +206,7 @@ def _run(
 ) -> Chain:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
     source = TwinSource(scene_name(name, scenario), seed)
-    twin = open_scene(source.name, seed)
+    twin = source.recording()
     count = FRAMES[scale] or len(twin)
     frames = busiest(
         twin.life.release_s,
@@ -218,7 +217,7 @@ def _run(
     )
     chunk = frames.stop
     if count == len(twin):
-        # in thirds, for fewer windows of the median
+        # Thirds need fewer windows of the median than chunks of the usual size.
         chunk = max(chain.CHUNK_FRAMES, -(-count // 3))
     detection = DetectionRun(
         source,
@@ -228,15 +227,15 @@ def _run(
         background=BACKGROUNDS[scale],
         chunk=chunk,
     )
-    sheet = FRACTIONS[
-        twin.scene.fraction
-    ].sheet  # the test of grey values is for papers (5.3.2)
+    ignition = None
+    if FRACTIONS[twin.scene.fraction].sheet:  # papers alone are tested (5.3.2)
+        ignition = Ignition()
     return Chain(
         detection,
         exit_point_mm=twin.attributes.exit_point_mm,
         wall=settings.wall,
         in_air=InAir(settings.in_air_mm),
-        rules=Rules(ignition=Ignition() if sheet else None, plausible=None),
+        rules=Rules(ignition=ignition, plausible=None),
     )
 
 
@@ -245,9 +244,8 @@ def busiest(
 ) -> range:
     """Return the frames of a recording in which most flights begin and end.
 
-    Of equal ones those with the longest flights in them count, then the first. The rule
-    needs the times of release and end alone, which are known before any frame is
-    rendered.
+    Of equal windows the one with the longest time in flight is taken, then the first.
+    The times of release and end are known before any frame is rendered.
 
     Parameters
     ----------
@@ -261,28 +259,33 @@ def busiest(
     count = min(count, total)
     begin = release_s * frame_rate_hz
     end = begin + dwell_s * frame_rate_hz
-    first = np.unique(
-        np.clip(np.append(np.floor(begin), 0.0), 0, total - count)
-    ).astype(int)
-    last = first[:, None] + count
-    whole = ((begin >= first[:, None]) & (end < last)).sum(axis=1)
-    flown = np.clip(
-        np.minimum(end, last) - np.maximum(begin, first[:, None]), 0.0, None
-    )
-    best = int(first[np.lexsort((-flown.sum(axis=1), -whole))[0]])
+    starts = np.clip(np.append(np.floor(begin), 0.0), 0, total - count)
+    first = np.unique(starts)[:, None]
+    last = first + count
+    whole = ((begin >= first) & (end < last)).sum(axis=1)
+    flown = np.clip(np.minimum(end, last) - np.maximum(begin, first), 0.0, None)
+    order = np.lexsort((-flown.sum(axis=1), -whole))
+    best = int(first[order[0], 0])
     return range(best, best + count)
 
 
 class Measurement(NamedTuple):
     """The tables of all campaigns, with ``fraction`` and ``pressure_bar`` in front.
 
-    Each field bears the name of the step of `kilnflight.chain.Chain` that makes it.
+    Each field has the name of the step of `kilnflight.chain.Chain` that makes it.
     """
 
     tracks: pd.DataFrame  # detections in the air with ``particle``, the track; -1: none
     trajectories: pd.DataFrame  # kilnflight.tables.TRAJECTORIES
     flights: pd.DataFrame  # kilnflight.tables.FLIGHTS
     slices: pd.DataFrame  # kilnflight.tables.SLICES
+
+    def of(self, key: CampaignKey) -> Measurement:
+        """Return the tables of one campaign, without its key."""
+        return Measurement._make(
+            of_campaign(table, key).drop(columns=KEYS).reset_index(drop=True)
+            for table in self
+        )
 
 
 def measure_campaigns(
@@ -296,12 +299,9 @@ def measure_campaigns(
     and its polynomial is wrong there.
     """
     chain.make_tables([campaign.run for campaign in campaigns], workers)
-    steps = Measurement._fields
-    tables = Measurement(
-        *(
-            stack({each.key: each.run.table(step)() for each in campaigns})
-            for step in steps
-        )
+    tables = Measurement._make(
+        stack({each.key: each.run.table(step)() for each in campaigns})
+        for step in Measurement._fields
     )
     possible = tables.slices["velocity_m_s"].abs() <= Plausible().fastest_m_s
     return tables._replace(slices=tables.slices[possible].reset_index(drop=True))
@@ -314,8 +314,7 @@ def stack(tables: Mapping[CampaignKey, pd.DataFrame]) -> pd.DataFrame:
 
 def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFrame:
     """Return a table of one row per campaign, fraction and pressure first."""
-    index = pd.MultiIndex.from_tuples(rows, names=KEYS)
-    return pd.DataFrame(list(rows.values()), index).reset_index()
+    return stack({key: pd.DataFrame([row]) for key, row in rows.items()})
 
 
 def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
@@ -328,13 +327,13 @@ def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
     return kept(flights[flights["from_lance"]])
 
 
-def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
-    """Return the rows of one table that belong to the `counted_flights`.
+def of_counted(table: pd.DataFrame, flights: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a table of all campaigns that belong to `counted_flights`.
 
-    ``step`` names the table: a field of `Measurement` with the column ``particle``.
+    ``table`` and ``flights`` are fields of one `Measurement`; ``table`` has the column
+    ``particle``.
     """
-    counted = counted_flights(tables.flights)[[*KEYS, "particle"]]
-    table: pd.DataFrame = getattr(tables, step)
+    counted = counted_flights(flights)[[*KEYS, "particle"]]
     return table.merge(counted, on=[*KEYS, "particle"])
 
 
@@ -343,8 +342,8 @@ class Results(NamedTuple):
 
     campaigns: list[Campaign]
     tables: Measurement
-    measured: dict[CampaignKey, FlightValues]  # of the `counted_flights`
-    true: dict[CampaignKey, FlightValues]  # of the `whole_flights`
+    measured: dict[CampaignKey, FlightValues]  # values of the `counted_flights`
+    true: dict[CampaignKey, FlightValues]  # values of the `whole_flights`
 
 
 def results(
@@ -360,24 +359,26 @@ def results(
     likewise. Measured values are of the `counted_flights`, true ones of all
     `whole_flights`, detected or not.
     """
-    recorded = campaigns(
-        scale, settings_from_labels(scale, seed, scenario), seed, scenario, keys
-    )
-    tables = measure_campaigns(recorded, Workers(jobs))
-    marks = [truth.kept_marks(twin_of(each), each.frames).path for each in recorded]
-    unknown = [
-        each for each, path in zip(recorded, marks, strict=True) if not path.is_file()
-    ]
-    Workers(jobs)(
-        true_positions, unknown, [len(each.frames) for each in unknown], "truth"
-    )
-    measured = values_by_campaign(tables, [each.key for each in recorded])
-    whole = {
-        each.key: twin_of(each).life.flights.take(whole_flights(each))
+    settings = settings_from_labels(scale, seed, scenario)
+    recorded = campaigns(scale, settings, seed, scenario, keys)
+    workers = Workers(jobs)
+    tables = measure_campaigns(recorded, workers)
+    _make_true_positions(recorded, workers)
+    true = {}
+    for each in recorded:
+        flights = twin_of(each).life.flights.take(whole_flights(each))
+        true[each.key] = truth.true_flight_values(flights)
+    measured = values_by_campaign(tables, true)
+    return Results(campaigns=recorded, tables=tables, measured=measured, true=true)
+
+
+def _make_true_positions(recorded: Iterable[Campaign], workers: Workers) -> None:
+    missing = [
+        each
         for each in recorded
-    }
-    true = {key: truth.true_flight_values(flights) for key, flights in whole.items()}
-    return Results(recorded, tables, measured, true)
+        if not truth.kept_marks(twin_of(each), each.frames).path.is_file()
+    ]
+    workers(true_positions, missing, [len(each.frames) for each in missing], "truth")
 
 
 def twin_of(campaign: Campaign) -> Twin:
@@ -402,39 +403,34 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
     The mask (n,) has the order of ``twin_of(campaign).life.flights``.
     """
     twin = twin_of(campaign)
+    rate = twin.scene.frame_rate_hz
+    begin = twin.life.release_s * rate
+    end = begin + twin.life.flights.end_s * rate
     frames = campaign.frames
-    release = twin.life.release_s * twin.scene.frame_rate_hz
-    over = release + twin.life.flights.end_s * twin.scene.frame_rate_hz
-    return np.asarray((release >= frames.start) & (over < frames.stop))
+    return np.asarray((begin >= frames.start) & (end < frames.stop))
 
 
 def values_by_campaign(
     tables: Measurement, keys: Iterable[CampaignKey], complete: Sequence[str] = COMPLETE
 ) -> dict[CampaignKey, FlightValues]:
     """Return the `flight_values` of each campaign, from the tables of all campaigns."""
-    parts = {key: [of_campaign(table, key) for table in tables[1:]] for key in keys}
-    return {
-        key: flight_values(trajectories, flights, slices, complete)
-        for key, (trajectories, flights, slices) in parts.items()
-    }
+    return {key: flight_values(tables.of(key), complete) for key in keys}
 
 
 def flight_values(
-    trajectories: pd.DataFrame,
-    flights: pd.DataFrame,
-    slices: pd.DataFrame,
-    complete: Sequence[str] = COMPLETE,
+    tables: Measurement, complete: Sequence[str] = COMPLETE
 ) -> FlightValues:
     """Return times, velocities and reach of one campaign's `counted_flights`.
 
     Flights with one of the endings ``complete`` have a dwell time (section 5.3.1,
-    appendix A.1). The others are censored when last detected. Slices behind the lance
-    are left out.
+    appendix A.1). Slices behind the lance are left out.
 
     Parameters
     ----------
-    trajectories, flights, slices
-        `kilnflight.tables.TRAJECTORIES`, `FLIGHTS` and `SLICES` of the campaign.
+    tables
+        Tables of the campaign.
+    complete
+        Endings, such as `COMPLETE`.
 
     Returns
     -------
@@ -442,22 +438,26 @@ def flight_values(
         Times in s from the lance, velocities (n, 5) in m/s, distances in depth from it
         in m.
     """
-    counted = counted_flights(flights)
-    wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
-    wide = wide.reindex(
-        index=counted["particle"], columns=[float(metre) for metre in METRES]
+    counted = counted_flights(tables.flights)
+    wide = tables.slices.pivot(
+        index="particle", columns="slice_m", values="velocity_m_s"
     )
-    fits = regression.fits(trajectories[TRAJECTORIES.names])
-    ends = zip(
-        [fits[each] for each in counted["particle"]], counted["end_s"], strict=True
-    )
-    reached = [fit.exit_point_mm[2] - straight_on(fit, end)[0, 2] for fit, end in ends]
+    wide = wide.reindex(index=counted["particle"], columns=np.array(MARKS_M, float))
     lost = ~counted["ending"].isin(complete).to_numpy()
-    dwell = counted.loc[~lost, "dwell_s"]
-    ignition = counted["ignition_s"]
-    seen = (counted["last_s"] - counted["t0_s"])[lost]
-    times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
-    far = np.array(reached, np.float64) / 1000.0
     return FlightValues(
-        times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost
+        dwell_s=counted.loc[~lost, "dwell_s"].to_numpy(np.float64),
+        velocity_m_s=wide.to_numpy(np.float64),
+        ignition_s=counted["ignition_s"].to_numpy(np.float64),
+        reached_m=_reached_m(counted, tables.trajectories),
+        lost=lost,
     )
+
+
+def _reached_m(flights: pd.DataFrame, trajectories: pd.DataFrame) -> Array:
+    """Return depths (n,) from the lance in m at the end of each flight."""
+    fits = regression.fits(trajectories)
+    reached = []
+    for particle, end_s in zip(flights["particle"], flights["end_s"], strict=True):
+        fit = fits[particle]
+        reached.append(fit.exit_point_mm[2] - straight_on(fit, end_s)[0, 2])
+    return np.array(reached, np.float64) / 1000.0

@@ -1,5 +1,4 @@
-"""Medians and shares of campaigns with 95 % intervals, beside the truth and what is
-printed.
+"""Medians and shares of campaigns with 95 % intervals, beside the truth and the print.
 
 Medians by bootstrap over particles, shares by Wilson (`kilnflight.scores.intervals`). A
 velocity is that of the particles that passed the metre; "velocity last" is that of the
@@ -8,23 +7,24 @@ last metre passed.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array
 from kilnflight.experiments.flights.campaigns import KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (
-    LAST_SHARE,
-    METRES,
+    MEDIAN,
+    NUMBER,
     FlightValues,
+    Outcome,
+    Share,
     outcomes,
-    remaining,
 )
 from kilnflight.scores.intervals import Interval
 from kilnflight.simulated.kiln.fuel import FRACTIONS
@@ -36,87 +36,67 @@ from kilnflight.simulated.kiln.truth import true_flight_values
 Values = Mapping[CampaignKey, FlightValues]
 HEAVY = ("wood chip", "PE granule")
 PAPERS = ("confetti", "paper shred")
-LEAST_FLIGHTS = 6  # in each campaign; claims are open with fewer
-TOLERANCE = (
-    0.1  # of a median of times or velocities; set before any flight was measured
-)
-SHARE_POINTS = 5.0  # percentage points of a share; likewise
+LEAST_FLIGHTS = 6  # flights of each campaign; claims are open with fewer
+# Both limits of an error were set before any flight was measured.
+TOLERANCE = 0.1  # share of a median of times or velocities
+SHARE_POINTS = 5.0  # percentage points of a share
 PUT_IN = 4000  # particles of a run whose flights show what was put in
 VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
-# Measures of a fit by axis, and their columns in Table 5.18.
-FIT_MEASURES = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
-FIT_MEASURES |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
 
 
 def interval_columns(interval: Interval) -> dict[str, float]:
     """Return number, estimate, low, high as table cells; NaN for infinite ends."""
-    number = sum(interval.numbers)
-    known = number > 0 and np.isfinite([interval.low, interval.high])
-    low, high = np.where(known, [interval.low, interval.high], np.nan).tolist()
-    return {"number": number, "estimate": interval.estimate, "low": low, "high": high}
-
-
-def finite(values: npt.ArrayLike) -> Array:
-    """Return the finite values of an array as a flat one, (k,)."""
-    array = np.asarray(values, dtype=np.float64)
-    return array[np.isfinite(array)]
+    row = {"number": sum(interval.numbers), "estimate": interval.estimate}
+    if row["number"] == 0 or not np.isfinite(interval.high):
+        return row | {"low": np.nan, "high": np.nan}
+    return row | {"low": interval.low, "high": interval.high}
 
 
 def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of the finite values with its 95 % bootstrap interval."""
-    return intervals.median_interval(finite(values), generator)
+    array = np.asarray(values, dtype=np.float64)
+    return intervals.median_interval(array[np.isfinite(array)], generator)
 
 
-def samples(flight_values: FlightValues) -> dict[str, Array]:
-    """Return the finite values (k,) behind each outcome that is a median, by name.
+def median_columns(
+    values: npt.ArrayLike, generator: np.random.Generator
+) -> dict[str, float]:
+    """Return the `interval_columns` of the median of the finite values."""
+    return interval_columns(median_of(values, generator))
 
-    The names are those of `kilnflight.scores.flights.outcomes`. "velocity last" is
-    empty if no metre is passed by a share `LAST_SHARE` of the particles.
+
+def share_of(share: Share) -> Interval:
+    """Return a share in per cent with its 95 % interval (Wilson).
+
+    The interval of an unknown share is infinite.
     """
-    velocity = flight_values.velocity_m_s
-    metres = zip(METRES, velocity.T, strict=True)
-    last = np.flatnonzero(remaining(flight_values)[0] >= 100.0 * LAST_SHARE)[-1:]
-    return {f"velocity {k - 1}-{k} m (m/s)": finite(each) for k, each in metres} | {
-        "velocity last (m/s)": finite(velocity[:, last]),
-        "dwell median (s)": finite(flight_values.dwell_s),
-        "ignition median (s)": finite(flight_values.ignition_s),
-    }
+    percent, counted = share
+    if np.isnan(percent):
+        return Interval(percent, low=-np.inf, high=np.inf, numbers=(counted,))
+    found = intervals.share(round(percent / 100 * counted), counted)
+    low = min(100 * found.low, percent)
+    high = max(100 * found.high, percent)
+    return Interval(percent, low, high, found.numbers)
 
 
 def interval_of(
-    values: FlightValues, outcome: str, generator: np.random.Generator
+    values: FlightValues, outcome: Outcome, generator: np.random.Generator
 ) -> Interval:
-    """Return one outcome of a campaign with its 95 % interval.
+    """Return one outcome of a campaign, a median or a share, with its 95 % interval.
 
     Parameters
     ----------
     values
         Measured values of the campaign.
     outcome
-        One of `kilnflight.scores.flights.outcomes`, whose name ends with its unit.
+        One of those whose ``kind`` is `MEDIAN` or `kilnflight.scores.flights.SHARE`.
     generator
         Of the bootstrap; its state stays as it was.
-
-    Returns
-    -------
-    Interval
-        Of medians by bootstrap, of shares in per cent by Wilson. It is infinite for all
-        other outcomes, such as quartiles.
     """
-    if outcome in samples(values):
-        return median_of(samples(values)[outcome], generator)
-    percent = float(outcomes(values)[outcome])
-    counted = len(values.dwell_s if outcome.startswith("dwell") else values.ignition_s)
-    if outcome.endswith("(% of ignited)"):
-        counted = len(finite(values.ignition_s))
-    if outcome.startswith("remaining"):  # flights lost before the metre do not count
-        counted = int(remaining(values)[1][METRES.index(int(outcome.split()[1]))])
-    if "%" not in outcome or not counted or np.isnan(percent):
-        return Interval(percent, -np.inf, np.inf, (counted,))
-    share = intervals.share(round(percent / 100 * counted), counted)
-    low = min(100 * share.low, percent)
-    high = max(100 * share.high, percent)
-    return Interval(percent, low, high, share.numbers)
+    taken = outcome.take(values)
+    if outcome.kind == MEDIAN:
+        return median_of(taken, generator)
+    return share_of(taken)
 
 
 def printed_numbers() -> pd.DataFrame:
@@ -126,28 +106,24 @@ def printed_numbers() -> pd.DataFrame:
     -------
     DataFrame
         One row per fraction, pressure and number: ``fraction``, ``pressure_bar``,
-        ``outcome`` (name with unit), ``printed`` (text); ``low`` and ``high``, equal
+        ``outcome`` (`Outcome.label`), ``printed`` (text); ``low`` and ``high``, equal
         for a single number, NaN where a bound is open. "Most within 0.3 to 0.4 s" is a
         share of 50 to 100 %.
     """
-    table = claims.published("flight").rename(columns={"value_as_printed": "printed"})
-    table = table.dropna(subset="outcome").dropna(
-        subset=["value_low", "value_high"], how="all"
-    )
+    names = {"value_as_printed": "printed", "value_low": "low", "value_high": "high"}
+    table = claims.published("flight").rename(columns=names)
+    table = table.dropna(subset="outcome").dropna(subset=["low", "high"], how="all")
     most = table["statistic"] == "majority range"
-    for side, share in (("low", 50.0), ("high", 100.0)):
-        table[side] = table[f"value_{side}"].mask(most, share)
-    table["fraction"] = (
-        table["fraction"].replace("all", "+".join(FRACTIONS)).str.split("+")
-    )
+    table.loc[most, ["low", "high"]] = [50.0, 100.0]
+    fractions = table["fraction"].replace("all", "+".join(FRACTIONS))
+    table["fraction"] = fractions.str.split("+")
     table = table.explode("fraction", ignore_index=True)
     return table[[*KEYS, "outcome", "printed", "low", "high"]]
 
 
 @cache  # the judgement of each choice needs it
 def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame:
-    """Return every outcome of flights by the laws that were put in, beside
-    `printed_numbers`.
+    """Return every outcome of flights by the laws that were put in, beside the print.
 
     ``count`` particles of each run are released. The columns are those of
     `printed_numbers`, NaN where nothing is printed, and ``put_in``.
@@ -161,7 +137,10 @@ def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame
 
 
 def recovery(
-    measured: Values, true: Values, start: str, generator: np.random.Generator
+    measured: Values,
+    true: Values,
+    wanted: Sequence[Outcome],
+    generator: np.random.Generator,
 ) -> pd.DataFrame:
     """Compare measured medians and shares with what was put in and with the truth.
 
@@ -169,54 +148,57 @@ def recovery(
     ----------
     measured, true
         Values by campaign; ``true`` has at least the campaigns of ``measured``.
-    start
-        First letters of the outcomes (`kilnflight.scores.flights.outcomes`), a regular
-        expression.
+    wanted
+        Outcomes; those of kind `kilnflight.scores.flights.NUMBER` are left out.
     generator
         Of the bootstrap; its state stays as it was.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``outcome``; ``put_in`` and ``printed`` (text);
-        ``true``: of the particles of this campaign; ``number`` of measured ones,
-        ``measured``; ``error``: measured minus true, with its 95 % interval ``low`` and
-        ``high``; ``verdict``: "recovered" if the interval lies within `TOLERANCE`,
-        "biased" if it lies outside, else "open".
+        ``fraction``, ``pressure_bar``, ``outcome`` (its label); ``put_in`` and
+        ``printed`` (text); ``true``: of the particles of this campaign; ``number`` of
+        measured ones, ``measured``; ``error``: measured minus true, with its 95 %
+        interval ``low`` and ``high``; ``verdict``: "recovered" if the interval lies
+        within `TOLERANCE`, "biased" if it lies outside, else "open".
     """
-    rows = []
-    for key, values in measured.items():
-        known = outcomes(true[key]).filter(regex=f"^({start})")
-        for name in known.index[
-            known.index.str.contains("%") | known.index.isin(samples(values))
-        ]:
-            ours = interval_of(values, name, generator)
-            most = SHARE_POINTS if "%" in name else TOLERANCE * abs(known[name])
-            low = ours.low - known[name]
-            high = ours.high - known[name]
-            answer = (
-                claims.within(low, high, -most, most) if ours.numbers != (0,) else None
-            )
-            numbers = (
-                known[name],
-                sum(ours.numbers),
-                ours.estimate,
-                ours.estimate - known[name],
-            )
-            rows.append((*key, name, *numbers, low, high, VERDICTS[answer]))
-    told = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
-    told = told.drop(columns=["low", "high"]).fillna({"printed": ""})
-    rest = ["true", "number", "measured", "error", "low", "high", "verdict"]
-    table = pd.DataFrame(rows, columns=[*KEYS, "outcome", *rest]).replace(
-        [np.inf, -np.inf], np.nan
-    )
-    return told.merge(table, "right", [*KEYS, "outcome"])
+    compared = [outcome for outcome in wanted if outcome.kind != NUMBER]
+    rows = [
+        {"fraction": key[0], "pressure_bar": key[1], "outcome": outcome.label}
+        | _error(interval_of(values, outcome, generator), true[key], outcome)
+        for (key, values), outcome in product(measured.items(), compared)
+    ]
+    known = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
+    known = known.drop(columns=["low", "high"]).fillna({"printed": ""})
+    table = pd.DataFrame(rows).replace([np.inf, -np.inf], np.nan)
+    return known.merge(table, "right", [*KEYS, "outcome"])
+
+
+def _error(
+    ours: Interval, true: FlightValues, outcome: Outcome
+) -> dict[str, float | str]:
+    """Return the columns of `recovery` from ``true`` on for one outcome."""
+    real = outcome.estimate(true)
+    most = SHARE_POINTS
+    if outcome.kind == MEDIAN:
+        most = TOLERANCE * abs(real)
+    low = ours.low - real
+    high = ours.high - real
+    return {
+        "true": real,
+        "number": sum(ours.numbers),
+        "measured": ours.estimate,
+        "error": ours.estimate - real,
+        "low": low,
+        "high": high,
+        "verdict": VERDICTS[claims.within(low, high, -most, most)],
+    }
 
 
 def differences(
     measured: Values,
     true: Values,
-    outcome: str,
+    outcome: Outcome,
     pairs: Iterable[tuple[CampaignKey, CampaignKey]],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -234,13 +216,13 @@ def differences(
     """
     rows = []
     for pair in pairs:
-        if set(pair) <= set(measured):
-            found = (interval_of(measured[key], outcome, generator) for key in pair)
-            ends = list(
-                interval_columns(intervals.difference_interval(*found)).values()
-            )[1:]
-            real = [float(outcomes(true[key])[outcome]) for key in pair]
-            rows.append((*pair[0], *pair[1], outcome, *ends, real[0] - real[1]))
+        if not measured.keys() >= set(pair):
+            continue
+        found = [interval_of(measured[key], outcome, generator) for key in pair]
+        ours = interval_columns(intervals.difference_interval(*found))
+        first, second = (outcome.estimate(true[key]) for key in pair)
+        ends = [ours[name] for name in ("estimate", "low", "high")]
+        rows.append((*pair[0], *pair[1], outcome.label, *ends, first - second))
     names = [*KEYS, "other", "other_bar", "outcome", "measured", "low", "high", "true"]
     return pd.DataFrame(rows, columns=names)
 
@@ -248,29 +230,24 @@ def differences(
 def ends(values: pd.Series, form: str) -> str:
     """Return the least and the greatest value as text, "-" without values."""
     known = values.dropna()
-    return f"{form} to {form}".format(known.min(), known.max()) if len(known) else "-"
+    if known.empty:
+        return "-"
+    return f"{form} to {form}".format(known.min(), known.max())
 
 
 def all_above(table: pd.DataFrame) -> bool | None:
     """Return whether all `differences` are above 0; None if an interval holds 0."""
-    return (
-        claims.all_of(*map(claims.beyond, table["low"], table["high"]))
-        if len(table)
-        else None
-    )
+    if table.empty:
+        return None
+    return claims.all_of(*map(claims.beyond, table["low"], table["high"]))
 
 
-def recovered(table: pd.DataFrame, **where: object) -> bool | None:
-    """Return whether all rows of `recovery` with the given cells are recovered; None if
-    open.
-    """
-    table = table[(table[list(where)] == pd.Series(where)).all(axis=1)]
+def recovered(table: pd.DataFrame) -> bool | None:
+    """Return whether all rows of `recovery` are recovered; None if open or no row."""
+    if table.empty:
+        return None
     answers = {verdict: answer for answer, verdict in VERDICTS.items()}
-    return (
-        None
-        if table.empty
-        else claims.all_of(*table["verdict"].map(answers).replace({np.nan: None}))
-    )
+    return claims.all_of(*(answers[verdict] for verdict in table["verdict"]))
 
 
 def if_complete(
@@ -281,8 +258,7 @@ def if_complete(
     ``numbers`` are the flights of each campaign. All eight campaigns need
     `LEAST_FLIGHTS`.
     """
-    whole = (
-        len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR)
-        and min(numbers) >= LEAST_FLIGHTS
-    )
-    return {claim: answer if whole else None for claim, answer in answers.items()}
+    whole = len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR)
+    if whole and min(numbers) >= LEAST_FLIGHTS:
+        return dict(answers)
+    return dict.fromkeys(answers)

@@ -1,12 +1,13 @@
 """Inputs of the simulation that one printed number decides, each as value -> number.
 
-True paths, true labels and the depth camera's errors are read. No detector and no
-tracker has a part in it.
+The numbers follow from true paths, true labels and the depth camera's errors, without
+detector and tracker.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +25,8 @@ from kilnflight.tracklets.eliminate import Elimination, regularity
 
 WINDOW = 100  # frames of paper shreds in Table 5.15
 LASTING = 15  # frames: trajectories "continue for some time" (sec. 5.2.1)
-BEYOND_CROSSING_MM = (
-    40.0  # of the limit of 800 mm, beyond the crossing at 760 mm (sec. 5.1.4)
-)
+# The limit in the air is 800 mm, and the Gaussians cross at 760 mm (sec. 5.1.4).
+BEYOND_CROSSING_MM = 40.0
 
 
 def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.DataFrame:
@@ -70,12 +70,14 @@ def regular_share(paths: pd.DataFrame) -> float:
     Paths are cut into windows of `WINDOW` frames, as the ground truth of Table 5.15 is;
     those of fewer than `LASTING` frames do not count.
     """
-    pieces = paths.groupby(["particle", paths["frame"] // WINDOW])
-    long = paths[pieces["frame"].transform("size") >= LASTING]
-    names = long.groupby(["particle", long["frame"] // WINDOW]).ngroup()
-    place = long[["row", "col"]].to_numpy()
+    piece = ["particle", "window"]
+    paths = paths.assign(window=paths["frame"] // WINDOW)
+    long = paths[paths.groupby(piece)["frame"].transform("size") >= LASTING]
+    names = long.groupby(piece).ngroup()
     found = regularity(
-        np.asarray(names, np.intp), np.asarray(long["frame"], np.int64), place
+        np.asarray(names, np.intp),
+        long["frame"].to_numpy(np.int64),
+        long[["row", "col"]].to_numpy(),
     )
     return float((found > Elimination.regularity).mean())
 
@@ -83,7 +85,7 @@ def regular_share(paths: pd.DataFrame) -> float:
 def seen_by_camera(
     paths: pd.DataFrame, scene: Scene, own_mm: npt.ArrayLike, seed: int = 0
 ) -> pd.DataFrame:
-    """Return true paths as the depth camera sees them: each place moved along its ray.
+    """Return true paths as the depth camera sees them, moved along the rays.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def seen_by_camera(
     own_mm
         Standard deviation of the particles' own error, one or (n,).
     seed
-        Of what comes anew in each frame.
+        Of the errors that are new in each frame.
     """
     place = scene.geometry
     camera = scene.depth
@@ -132,40 +134,47 @@ def wall_distances(
     They are all within the region of interest of labelled frames, as the depth camera
     sees them with an own error of ``wall_particle_mm`` on the wall.
     """
-    parts = []
-    for twin in twins:
-        scene = twin.scene
-        life = twin.life
-        own = life.table["fraction"].map(dict(scene.depth.particle_error_mm)).to_numpy()
-        for t in LABELLED:
-            moment = life.at(twin.time_s(t))
-            moment = moment.take(~moment.landed | moment.burning)
-            xyz = scene.geometry.to_camera(moment.position_m)
-            row, col = scene.geometry.project(xyz)
-            table = pd.DataFrame(
-                {"row": row, "col": col, "z": xyz[:, 2], "wall": moment.landed}
-            )
-            table["own_mm"] = np.where(
-                moment.landed, wall_particle_mm, own[moment.particle]
-            )
-            table = table[inside(scene.roi, row, col)]
-            seen = seen_by_camera(table, scene, table["own_mm"], seed + t)
-            place = scene.geometry.to_kiln(seen[["x", "y", "z"]].to_numpy())
-            parts.append(
-                seen.assign(distance=1000 * np.hypot(place[:, 1], place[:, 2]))
-            )
-    every = pd.concat(parts)
+    every = pd.concat(
+        _seen_distances(twin, t, wall_particle_mm, seed + t)
+        for twin, t in product(twins, LABELLED)
+    )
     distance = every["distance"].to_numpy()
     wall = every["wall"].to_numpy()
     return distance[~wall], distance[wall]
 
 
-def wall_share(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
-    """Return the share of wall particles that count as in the air (Table 5.13: 263 of
-    838).
+def _seen_distances(
+    twin: Twin, t: int, wall_particle_mm: float, seed: int
+) -> pd.DataFrame:
+    """Return ``wall`` and ``distance`` (mm) of the particles in one frame."""
+    scene = twin.scene
+    place = scene.geometry
+    moment = twin.life.at(twin.time_s(t))
+    moment = moment.take(~moment.landed | moment.burning)
+    own_mm = twin.life.table["fraction"].map(dict(scene.depth.particle_error_mm))
+    xyz = place.to_camera(moment.position_m)
+    row, col = place.project(xyz)
+    table = pd.DataFrame(
+        {
+            "row": row,
+            "col": col,
+            "z": xyz[:, 2],
+            "wall": moment.landed,
+            "own_mm": own_mm.to_numpy()[moment.particle],
+        }
+    )
+    table.loc[table["wall"], "own_mm"] = wall_particle_mm
+    table = table[inside(scene.roi, row, col)]
+    seen = seen_by_camera(table, scene, table["own_mm"], seed)
+    kiln = place.to_kiln(seen[["x", "y", "z"]].to_numpy())
+    return seen.assign(distance=1000 * np.hypot(kiln[:, 1], kiln[:, 2]))
 
-    Both are distances from the kiln's axis. The limit is the crossing of their
-    Gaussians and `BEYOND_CROSSING_MM`.
+
+def wall_share(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
+    """Return the share of wall particles that count as in the air.
+
+    Table 5.13 has 263 of 838. Both arguments are distances from the kiln's axis. The
+    limit is the crossing of their Gaussians plus `BEYOND_CROSSING_MM`.
     """
     limit = crossing(in_air_mm, wall_mm) + BEYOND_CROSSING_MM
     return float((np.asarray(wall_mm) < limit).mean())

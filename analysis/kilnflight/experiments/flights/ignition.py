@@ -1,21 +1,20 @@
-"""Ignition: whose grey value rises, the optical picture (Fig. 5.17), and errors of the
-test.
-"""
+"""Ignition: flights whose grey value rises, and the optical picture (Fig. 5.17)."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 
+from kilnflight.arrays import Array
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.experiments.flights.campaigns import (
     CampaignKey,
     Results,
+    counted_flights,
     of_campaign,
     rows_by_campaign,
 )
-from kilnflight.experiments.flights.comparison import Array, interval_columns
-from kilnflight.flight import kept
+from kilnflight.experiments.flights.comparison import interval_columns
 from kilnflight.flight.empty import EMPTY_FRAMES, background_gray
 from kilnflight.ignition import LEAST_POINTS, SEEN, SHARE, TOO_FEW, Ignition
 from kilnflight.recording.frames import Recording
@@ -55,14 +54,15 @@ def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.Dat
     """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
-        tracks, _, flights, _ = (
-            of_campaign(each, campaign.key) for each in results.tables
-        )
-        flights = kept(flights[flights["from_lance"]])
+        tables = results.tables.of(campaign.key)
+        flights = counted_flights(tables.flights)
+        tracks = tables.tracks
         tracks = tracks[tracks["particle"].isin(flights["particle"])]
-        behind = background_gray(tracks, campaign.run.detection.source, campaign.frames)
-        time_s = tracks["frame"] / campaign.run.frame_rate_hz
-        tracks = tracks.assign(background=behind, time_s=time_s)
+        source = campaign.run.detection.source
+        tracks = tracks.assign(
+            background=background_gray(tracks, source, campaign.frames),
+            time_s=tracks["frame"] / campaign.run.frame_rate_hz,
+        )
         known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
         ignites = known.set_index("track")["true_ignition_s"].notna()
         rows[campaign.key] = count_lit(flights, tracks, ignites, test)
@@ -89,35 +89,43 @@ def count_lit(
     """
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
-    by_particle = flying.groupby("particle")
-    found = {
-        name: test(one["time_s"], one["gray"], one["background"]).outcome
-        for name, one in by_particle
-    }
-    outcome = pd.Series(found, dtype=object).reindex(
-        flights["particle"], fill_value=TOO_FEW
-    )
-    first = by_particle.head(LEAST_POINTS)
-    lighter = first["gray"] > (1.0 + SHARE) * first["background"]
-    at_first = lighter.groupby(first["particle"]).all()
-    at_first = at_first.reindex(outcome.index, fill_value=False)
-    rises = outcome == SEEN
-    few = outcome == TOO_FEW
+    traces = _traces(flying, test).reindex(flights["particle"])
+    rises = traces["outcome"] == SEEN
+    few = traces["outcome"].fillna(TOO_FEW) == TOO_FEW
+    at_first = traces["at_first"].eq(True)  # no detection: missing
+    share = intervals.share(int(rises.sum()), len(flights))
     count: dict[str, float] = {
         "light_up": rises.sum(),
         "light_at_first": at_first.sum(),
         "too_few": few.sum(),
+        **interval_columns(share),
     }
-    count |= interval_columns(intervals.share(int(rises.sum()), len(flights)))
-    gray = by_particle["gray"].median().reindex(outcome.index)
-    judged = ~few & outcome.index.isin(ignites.index)
-    truly = ignites.reindex(outcome.index, fill_value=False).astype(bool)
+    judged = ~few & traces.index.isin(ignites.index)
+    truly = ignites.reindex(traces.index, fill_value=False).astype(bool)
     for name, kind in (("unlit", judged & ~truly), ("lit", judged & truly)):
         count[name] = kind.sum()
         count[f"{name}_up"] = (kind & rises).sum()
         count[f"{name}_light"] = (kind & (rises | at_first)).sum()
-        count[f"{name}_gray"] = gray[kind].median()
+        count[f"{name}_gray"] = traces.loc[kind, "gray"].median()
     return count
+
+
+def _traces(flying: pd.DataFrame, test: Ignition) -> pd.DataFrame:
+    """Return ``outcome`` of the test, ``at_first`` and median ``gray``, by particle."""
+    by_particle = flying.groupby("particle")
+    outcome = {
+        particle: test(one["time_s"], one["gray"], one["background"]).outcome
+        for particle, one in by_particle
+    }
+    first = by_particle.head(LEAST_POINTS)
+    lighter = first["gray"] > (1.0 + SHARE) * first["background"]
+    return pd.DataFrame(
+        {
+            "outcome": pd.Series(outcome, dtype=object),
+            "at_first": lighter.groupby(first["particle"]).all(),
+            "gray": by_particle["gray"].median(),
+        }
+    )
 
 
 def optical_picture(recording: Recording, frames: range) -> Array:
@@ -130,16 +138,14 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     frames in each stretch of about `STRETCH` frames; it is "constant over a specific
     time period" (5.1.2). The picture shows that of the last stretch.
     """
-    most = np.zeros(
-        (recording.attributes.rows, recording.attributes.columns), np.float32
-    )
+    shape = recording.attributes.rows, recording.attributes.columns
+    most = np.zeros(shape, np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
         steps = np.linspace(part[0], part[-1], EMPTY_FRAMES).round().astype(int)
-        pictures = {t: recording.gray(t) for t in np.unique(steps).tolist()}
-        background = stack_median(list(pictures.values())).astype(np.float32)
+        known = {t: recording.gray(t) for t in np.unique(steps).tolist()}
+        background = stack_median(list(known.values())).astype(np.float32)
         for t in part.tolist():
-            change = (
-                pictures.pop(t) if t in pictures else recording.gray(t)
-            ) - background
+            gray = known[t] if t in known else recording.gray(t)
+            change = gray - background
             np.copyto(most, change, where=np.abs(change) > np.abs(most))
     return (background + most).astype(np.float64)

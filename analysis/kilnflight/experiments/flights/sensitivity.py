@@ -1,6 +1,4 @@
-"""What the methods' results change by if an unpublished input of the simulation
-changes.
-"""
+"""Results of the methods if an unpublished input of the simulation changes."""
 
 from __future__ import annotations
 
@@ -35,17 +33,15 @@ def watched(scale: str, scenario: str, seed: int, jobs: int) -> dict[str, float]
     )
     alphas = []
     for campaign in results.campaigns:
-        tracks = tracked(campaigns.of_campaign(results.tables.tracks, campaign.key))
-        alphas.append(
-            score_tracks(campaigns.true_positions(campaign), tracks, GATE_PX).alpha
-        )
+        true = campaigns.true_positions(campaign)
+        tracks = tracked(results.tables.of(campaign.key).tracks)
+        alphas.append(score_tracks(true, tracks, GATE_PX).alpha)
     error = errors(compare_campaigns(results), seed)
+    false = error["unlit_detected"] / max(error["unlit"], 1.0)
     return {
         "f1": float(found["f1"].iloc[0]),
         "alpha": float(np.mean(alphas)),
         "dwell_bias_s": error["dwell_s_bias"],
         "velocity_bias_m_s": error["velocity_m_s_bias"],
-        "false_ignitions_percent": 100
-        * error["unlit_detected"]
-        / max(error["unlit"], 1.0),
+        "false_ignitions_percent": 100 * false,
     }

@@ -15,9 +15,7 @@ class TwinSource:
     seed: int = 0
 
     def recording(self) -> Twin:
-        """Return the simulated recording with its truth; the last two are kept in
-        memory.
-        """
+        """Return the recording with its truth; the last two stay in memory."""
         return _scene(self.name, self.seed)
 
 

@@ -30,9 +30,7 @@ def true_outlet(campaign: Campaign) -> Chain:
 
 
 def rmse_alone(campaign: Campaign) -> Chain:
-    """Return the run whose orders rise while the RMSE falls, whatever the other
-    measures do.
-    """
+    """Return the run whose orders rise as long as the RMSE alone falls."""
     return replace(campaign.run, regression=Regression(measures=("rmse_mm",)))
 
 
@@ -47,9 +45,8 @@ def gray_alone(campaign: Campaign) -> Chain:
     rules = campaign.run.rules
     if rules.ignition is None:
         return campaign.run
-    return replace(
-        campaign.run, rules=replace(rules, ignition=Ignition(above_background=False))
-    )
+    gray = Ignition(above_background=False)
+    return replace(campaign.run, rules=replace(rules, ignition=gray))
 
 
 # Ids of data/reference/choices.csv.
@@ -64,9 +61,7 @@ OTHERS: dict[str, Callable[[Campaign], Chain]] = {
 def varied(
     results: Results, change: Callable[[Campaign], Chain], jobs: int = 1
 ) -> Results:
-    """Return the results with other runs; missing tables are computed in ``jobs``
-    processes.
-    """
+    """Return the results with other runs; ``jobs`` processes make missing tables."""
     changed = [each._replace(run=change(each)) for each in results.campaigns]
     tables = measure_campaigns(changed, Workers(jobs))
     measured = values_by_campaign(tables, [each.key for each in changed])

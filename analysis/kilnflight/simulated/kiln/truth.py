@@ -17,7 +17,7 @@ from tqdm import tqdm
 from kilnflight.arrays import Array, Single
 from kilnflight.checks import InputError
 from kilnflight.detection.region import inside
-from kilnflight.scores.flights import METRES, FlightValues
+from kilnflight.scores.flights import MARKS_M, FlightValues
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.laws import BURNT_OUT, LANDED, Flights
 from kilnflight.simulated.kiln.picture import VISIBLE_PX
@@ -63,7 +63,7 @@ def particles(twin: Twin) -> pd.DataFrame:
     table = twin.life.table.copy()
     crossed = twin.life.flights.crossings()
     return table.assign(
-        **{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(METRES)}
+        **{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(MARKS_M)}
     )
 
 
@@ -229,10 +229,9 @@ def true_flight_values(flights: Flights) -> FlightValues:
     """
     complete = np.isin(flights.end, (LANDED, BURNT_OUT))
     return FlightValues(
-        flights.end_s[complete],
-        metre_velocities(flights),
-        flights.ignition_s,
-        flights.along(flights.end_s),
-        flights.end_s[~complete],
-        ~complete,
+        dwell_s=flights.end_s[complete],
+        velocity_m_s=metre_velocities(flights),
+        ignition_s=flights.ignition_s,
+        reached_m=flights.along(flights.end_s),
+        lost=~complete,
     )

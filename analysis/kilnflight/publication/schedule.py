@@ -1,0 +1,232 @@
+"""Execution of all notebooks that are out of date, in an order that saves time.
+
+A notebook runs again if its text, the package, the reference data, its settings or the
+fetched data changed, or a figure that it saved is gone. What a run was made of stands
+in ``<build>/<stem>.stamp``. ``make`` calls this.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from argparse import ArgumentParser
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kilnflight.checks import InputError
+from kilnflight.publication.notebooks import parse_parameters
+from kilnflight.store import paths
+from kilnflight.store.cache import PACKAGE, write_whole
+
+# The longest begin, by number.
+LONGEST = ("23", "45", "43", "40", "50", "24", "32", "10", "22", "20", "31", "60")
+COMPILES = "23"  # compiles what those of the kiln share, once for all of them
+CAMPAIGNS = "50"  # detects in all campaigns; the others of 50 to 59 take its tables
+SUMMARY = ("00", "01")  # collect what the others conclude
+MANY_PROCESSES = ("50", "56")  # get all processes in a full run, which is large
+EXTERNAL = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS", "KILNFLIGHT_FIGURES")
+FETCHED = Path("build/external.txt")  # says what of the authors' data is there
+POLL_S = 0.05  # between two looks at what runs
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run: notebooks of a scale with their parameters, into a folder.
+
+    Parameters
+    ----------
+    sources
+        Texts of the notebooks.
+    scale
+        "quick", "standard" or "full".
+    jobs
+        Notebooks side by side.
+    parameters
+        ``name=value`` for all, ``NN.name=value`` for notebook NN.
+    """
+
+    sources: Sequence[Path]
+    scale: str
+    jobs: int
+    parameters: Sequence[str]
+
+    @property
+    def build(self) -> Path:
+        """Folder of the executed notebooks."""
+        return Path("build", self.scale)
+
+    def arguments(self, source: Path) -> list[str]:
+        """Return the parameters of a notebook."""
+        given = [f"scale={self.scale}"]
+        if self.scale == "full" and number(source) in MANY_PROCESSES:
+            given.append(f"{number(source)}.jobs={self.jobs}")
+        return [*given, *self.parameters]
+
+    def given(self, source: Path) -> dict[str, object]:
+        """Return the parameters of a notebook by name."""
+        stems = [each.stem for each in self.sources]
+        return parse_parameters(self.parameters, source.stem, stems)
+
+    def stamp(self, source: Path) -> str:
+        """Return a hash of all that a notebook's result depends on."""
+        named = [os.environ.get(name, "") for name in EXTERNAL]
+        fetched = FETCHED.read_text("utf-8") if FETCHED.is_file() else ""
+        text = source.read_text("utf-8")
+        parts = [text, _sources_hash(), self.given(source), named, fetched]
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+    def is_current(self, source: Path) -> bool:
+        """Return whether a notebook has run with all that it depends on."""
+        stamp = self.build / f"{source.stem}.stamp"
+        saved = self.build / f"{source.stem}.saved"
+        executed = self.build / f"{source.stem}.ipynb"
+        if not (executed.is_file() and stamp.is_file()):
+            return False
+        if stamp.read_text("utf-8") != self.stamp(source):
+            return False
+        if not saved.is_file():
+            return True
+        return all(Path(file).is_file() for file in saved.read_text().splitlines())
+
+
+def number(source: Path) -> str:
+    """Return the two digits that a notebook's name begins with."""
+    return source.stem[:2]
+
+
+def _sources_hash() -> str:
+    """Return a hash of the package and of the reference data."""
+    files = [*PACKAGE.rglob("*.py"), *paths.reference().rglob("*.csv")]
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(f"{file.name} {file.stat().st_size} ".encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
+    """Return the notebooks that have to be done before one begins.
+
+    Parameters
+    ----------
+    source
+        Notebook.
+    stale
+        All that are run.
+    scale
+        In a full run notebook 50 has many processes, and nothing runs beside it.
+    """
+    own = number(source)
+    others = set(stale) - {source}
+    if own in SUMMARY:
+        return {each for each in others if number(each) not in SUMMARY}
+    first = set()
+    if own != COMPILES and not own.startswith("4"):
+        first = {COMPILES}
+    if own.startswith("5") and own != CAMPAIGNS:
+        first.add(CAMPAIGNS)
+    waited = {each for each in others if number(each) in first}
+    if own == CAMPAIGNS and scale == "full":
+        late = ("5", *SUMMARY)
+        waited |= {each for each in others if not each.stem.startswith(late)}
+    return waited
+
+
+def in_order(sources: Sequence[Path]) -> list[Path]:
+    """Return notebooks by their length, the longest first."""
+
+    def rank(source: Path) -> tuple[int, str]:
+        if number(source) in LONGEST:
+            return LONGEST.index(number(source)), source.stem
+        return len(LONGEST), source.stem
+
+    return sorted(sources, key=rank)
+
+
+def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
+    """Execute the notebooks that are out of date; return the exit status.
+
+    After the first failure no other begins. A summary runs again after any other.
+    """
+    stale = [source for source in wanted if not plan.is_current(source)]
+    if stale:
+        stale += [each for each in wanted if number(each) in SUMMARY]
+    waiting = in_order([*dict.fromkeys(stale)])
+    before = {each: waits_for(each, waiting, plan.scale) for each in waiting}
+    count = len(waiting)
+    if waiting:
+        plan.build.mkdir(parents=True, exist_ok=True)
+        write_whole(plan.build / "ran", b"")  # the pages are older now
+    running: dict[Path, subprocess.Popen[bytes]] = {}
+    done = set[Path]()
+    status = 0
+    try:
+        while running or (waiting and not status):
+            for source in list(waiting):
+                if not status and len(running) < plan.jobs and before[source] <= done:
+                    waiting.remove(source)
+                    running[source] = _started(plan, source)
+            for source in [
+                each for each in running if running[each].poll() is not None
+            ]:
+                status = status or running.pop(source).returncode
+                done.add(source)
+                if not status:
+                    _stamp(plan, source)
+                    print(f"{len(done)} of {count} notebooks done", flush=True)
+            time.sleep(POLL_S)
+    finally:  # of an interruption: each says that it stops
+        for process in running.values():
+            process.send_signal(signal.SIGINT)
+            process.wait()
+    return status
+
+
+def _started(plan: Plan, source: Path) -> subprocess.Popen[bytes]:
+    """Return the process that executes a notebook."""
+    (plan.build / f"{source.stem}.stamp").unlink(missing_ok=True)
+    command = [sys.executable, "-m", "kilnflight.publication.notebooks", str(source)]
+    command += ["--build", str(plan.build)]
+    for parameter in plan.arguments(source):
+        command += ["-p", parameter]
+    return subprocess.Popen(command)
+
+
+def _stamp(plan: Plan, source: Path) -> None:
+    """Write down what an executed notebook was made of."""
+    path = plan.build / f"{source.stem}.stamp"
+    write_whole(path, plan.stamp(source).encode())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Execute what is out of date and return the exit status."""
+    parser = ArgumentParser(prog="python -m kilnflight.publication.schedule")
+    parser.add_argument("scale")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", nargs="*", default=[], metavar="NN")
+    parser.add_argument("--parameters", nargs="*", default=[], metavar="name=value")
+    options = parser.parse_args(arguments)
+    sources = sorted(Path("notebooks").glob("[0-9][0-9]_*.py"))
+    plan = Plan(sources, options.scale, options.jobs, options.parameters)
+    wanted = [
+        each for each in sources if number(each) in options.only or not options.only
+    ]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        for source in sources:  # a wrong one is told before any begins
+            plan.given(source)
+        return run_all(plan, wanted)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
