@@ -32,7 +32,7 @@ def test_against_enumeration_on_any_scale_of_a_track(
 
 
 def chain_sums(left, right, missed):
-    """Weight of all events of the first k tracks: detection k free, detection k used."""
+    """Weights of all events of the first k tracks: detection k free, and used."""
     free, used = [1.0], [0.0]
     for take_left, take_right, none in zip(left, right, missed, strict=True):
         before = free[-1] + used[-1]

@@ -47,9 +47,8 @@ class Pairs(NamedTuple):
     size_difference: Array  # (p,) |N_d - N_p|, 3D points (Eq. 4.9); 0 where unknown
     # (p, d) L^-1 (detection - prediction), in standard deviations; its norm is d
     innovation: Array
-    log_determinant: (
-        Array  # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
-    )
+    # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
+    log_determinant: Array
     # (n,) V(i), of the elliptical gate in px^2 (Eq. 4.13); a volume if d is 3
     gate_area: Array
     gate_probability: float  # P_G, share of a particle's detections within the ellipse
@@ -59,9 +58,10 @@ class Pairs(NamedTuple):
     detections: int  # m
 
 
-Associator = Callable[
-    [Pairs], Array | Flags
-]  # weights (p,): probabilities, or flags for 0 and 1
+# An associator returns weights (p,): probabilities, or flags for 0 and 1.
+Associator = Callable[[Pairs], Array | Flags]
+MOST_ENTRIES = 2**20  # of the tables of one group of tracks; 0.1 s a frame
+LARGE = 2**12  # table entries above which it pays to look for a better order
 _Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its vertices
 
 
@@ -74,31 +74,46 @@ class GNN:
     own for it, so the optimum of the thesis's square cost matrix needs no large C (Eq.
     2.50). A pair is impossible above C_NA; a pair of exactly C_NA is taken (section
     4.1.3).
+
+    Parameters
+    ----------
+    size_weight
+        a_0, cost per 3D point of difference; not printed. The default weighs 100 points
+        as one unit of squared distance. In the twin half of the particles change by 7
+        points or less from frame to frame, one in twenty by more than 200.
+    nonassignment_cost
+        C_NA, cost of a missed track; not printed. The default is above the gate's d^2
+        (16) + ln|S| of a track lost for some frames (18) + a_0 times some hundred
+        points, so the gate decides.
+
+    Examples
+    --------
+    Both tracks are nearest to the first detection; one of them takes the second.
+
+    >>> from kilnflight.tracking.filter import Detected, Gate
+    >>> seen = Detected(np.array([[0.0, -6.0], [0.0, 5.0]]))
+    >>> predicted = np.array([[0.0, 0.0], [0.0, 12.0]])
+    >>> pairs = Gate()(predicted, np.stack([25 * np.eye(2)] * 2), seen)
+    >>> taken = GNN()(pairs)
+    >>> np.stack([pairs.track, pairs.detection])[:, taken].tolist()
+    [[0, 1], [0, 1]]
     """
 
-    # a_0, per 3D point: 100 points weigh as one unit of squared distance. In the twin
-    # half of the particles change by 7 points or less from frame to frame, one in
-    # twenty by more than 200.
     size_weight: float = 0.01
-    # C_NA, cost of a missed track; pairs of higher cost are impossible. It is above the
-    # gate's d^2 (16) + ln|S| of a track lost for some frames (18) + a_0 times some
-    # hundred points, so the gate decides.
     nonassignment_cost: float = 50.0
 
     def __post_init__(self) -> None:
-        check_number(self.size_weight, f"{type(self).__name__}: size_weight", least=0)
-        check_number(
-            self.nonassignment_cost, f"{type(self).__name__}: nonassignment_cost"
-        )
+        name = type(self).__name__
+        check_number(self.size_weight, f"{name}: size_weight", least=0)
+        check_number(self.nonassignment_cost, f"{name}: nonassignment_cost")
 
     def __call__(self, pairs: Pairs) -> Flags:
         """Return the pairs (p,) of the optimum."""
         missed = np.full(len(pairs.expected), self.nonassignment_cost)
-        return assign(*pairs[:2], self._costs(pairs), missed)
+        return assign(pairs.track, pairs.detection, self._costs(pairs), missed)
 
     def _costs(self, pairs: Pairs) -> Array:
-        """Return the cost (p,) of each pair, ``d^2 + ln |S| + a_0 |N_d - N_p|`` (Eq.
-        4.9).
+        """Return the costs (p,) ``d^2 + ln |S| + a_0 |N_d - N_p|`` (Eq. 4.9).
 
         N_d and N_p are the numbers of 3D points of the detection and, as last known, of
         the track. Eq. 4.9 prints ``ln |P|``, P the covariance of the state, but takes
@@ -118,20 +133,37 @@ class NearestNeighbor(GNN):
     cost takes it. The other tracks are missed: they get no second choice (T_2 in Fig.
     2.20, middle). At equal cost the first track and the first detection win; the thesis
     does not say.
+
+    Parameters
+    ----------
+    size_weight
+        a_0, cost per 3D point of difference; section 2.3.2 does not use the size.
+    nonassignment_cost
+        C_NA, cost above which a pair is impossible, as for `GNN`.
+
+    Examples
+    --------
+    Both tracks are nearest to the second detection; the farther track gets none.
+
+    >>> from kilnflight.tracking.filter import Detected, Gate
+    >>> seen = Detected(np.array([[0.0, -6.0], [0.0, 5.0]]))
+    >>> predicted = np.array([[0.0, 0.0], [0.0, 12.0]])
+    >>> pairs = Gate()(predicted, np.stack([25 * np.eye(2)] * 2), seen)
+    >>> taken = NearestNeighbor()(pairs)
+    >>> np.stack([pairs.track, pairs.detection])[:, taken].tolist()
+    [[0], [1]]
     """
 
-    size_weight: float = 0.0  # a_0; section 2.3.2 does not use the size
+    size_weight: float = 0.0
 
     def __call__(self, pairs: Pairs) -> Flags:
-        """Return the pairs (p,) that are taken, at most one of each track and
-        detection.
-        """
+        """Return the taken pairs (p,), at most one per track and detection."""
         costs = self._costs(pairs)
-        order = np.argsort(costs, kind="stable")[
-            : (costs <= self.nonassignment_cost).sum()
-        ]
-        for side in pairs[:2]:  # the cheapest of each that is left
-            order = order[np.sort(np.unique(side[order], return_index=True)[1])]
+        possible = (costs <= self.nonassignment_cost).sum()
+        order = np.argsort(costs, kind="stable")[:possible]
+        for side in (pairs.track, pairs.detection):
+            cheapest = np.unique(side[order], return_index=True)[1]
+            order = order[np.sort(cheapest)]
         return np.isin(np.arange(len(costs)), order)
 
 
@@ -144,28 +176,40 @@ class PDA:
     would have a unit. In the second line of Eq. 4.10 "i = 0" means j = 0, no detection.
     m(i) of Eq. 4.13 counts the detections within both limits of the gate, in the image
     and in depth.
+
+    Parameters
+    ----------
+    detection_probability
+        P_D, "appropriately large"; not printed. The default is a little above the
+        detector's recall of 0.86 (Table 5.11).
+    size_weight
+        a_0 per 3D point of difference, as for `GNN`.
+
+    Examples
+    --------
+    One track, two detections at 1 and 2 standard deviations.
+
+    >>> from kilnflight.tracking.filter import Detected, Gate
+    >>> seen = Detected(np.array([[0.0, 5.0], [10.0, 0.0]]))
+    >>> pairs = Gate()(np.zeros((1, 2)), 25 * np.eye(2)[None], seen)
+    >>> PDA()(pairs).round(3).tolist()
+    [0.788, 0.176]
     """
 
-    # P_D, "appropriately large": a little above the detector's recall of 0.86 (Table
-    # 5.11).
     detection_probability: float = 0.9
-    size_weight: float = 0.01  # a_0 per 3D point, as for GNN
+    size_weight: float = 0.01
 
     def __post_init__(self) -> None:
         name = type(self).__name__
-        check_number(
-            self.detection_probability,
-            f"{name}: detection_probability",
-            above=0,
-            below=1,
-        )
+        share = self.detection_probability
+        check_number(share, f"{name}: detection_probability", above=0, below=1)
         check_number(self.size_weight, f"{name}: size_weight", least=0)
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return the weights beta (p,) of Eq. 4.10."""
-        log_e, log_b = self._logs(pairs)
-        np.logaddexp.at(log_b, pairs.track, log_e)  # now of the sum
-        return np.asarray(np.exp(log_e - log_b[pairs.track]))
+        log_e, log_sum = self._logs(pairs)
+        np.logaddexp.at(log_sum, pairs.track, log_e)
+        return np.asarray(np.exp(log_e - log_sum[pairs.track]))
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
         """Return the log weights ln e_j (p,) of pairs and ln b (n,) of missed tracks.
@@ -173,16 +217,14 @@ class PDA:
         Eqs 4.11 to 4.13. With an empty gate the track is missed for certain; ln b is
         then 0, since any finite value gives weight 1.
         """
-        log_e = -0.5 * (
-            pairs.distance_squared + self.size_weight * pairs.size_difference
-        )
+        size = self.size_weight * pairs.size_difference
+        log_e = -0.5 * (pairs.distance_squared + size)
+        n, d = pairs.expected.shape
+        spread = np.exp(0.5 * pairs.log_determinant) * (2 * np.pi) ** (d / 2)
+        count = np.bincount(pairs.track, minlength=n)
+        density = count / np.maximum(pairs.gate_area, 1e-300)
         p_d = self.detection_probability
-        p_g = pairs.gate_probability
-        spread = np.exp(0.5 * pairs.log_determinant) * (2 * np.pi) ** (
-            pairs.expected.shape[1] / 2
-        )
-        count = np.bincount(pairs.track, minlength=len(spread))
-        b = count / np.maximum(pairs.gate_area, 1e-300) * spread * (1 - p_d * p_g) / p_d
+        b = density * spread * (1 - p_d * pairs.gate_probability) / p_d
         return log_e, np.log(np.where(count > 0, b, 1.0))
 
 
@@ -193,57 +235,83 @@ class JPDA(PDA):
     The weight of a joint event, open in section 4.1.3, is the product of e_j of its
     pairs and b of its missed tracks. This equals `PDA` where no detection is shared.
     `joint_probabilities` sums over all joint events. Tracks that share detections form
-    a group. Above 2^20 table entries (15 tracks that all share 31 detections) a group
-    loses its weakest pairs, with a warning.
+    a group. Above `MOST_ENTRIES` table entries (15 tracks that all share 31 detections)
+    a group loses its weakest pairs, with a warning.
+
+    Parameters
+    ----------
+    detection_probability, size_weight
+        As for `PDA`.
+
+    Examples
+    --------
+    Two tracks share one detection, which `PDA` would give to each of them.
+
+    >>> from kilnflight.tracking.filter import Detected, Gate
+    >>> places = np.array([[0.0, 0.0], [0.0, 4.0]])
+    >>> seen = Detected(np.array([[0.0, 2.0]]))
+    >>> pairs = Gate()(places, np.stack([25 * np.eye(2)] * 2), seen)
+    >>> JPDA()(pairs).round(3).tolist()
+    [0.496, 0.496]
     """
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return the weights (p,), summed over all joint events."""
-        return _marginals(*pairs[:2], *self._logs(pairs), 2**20)[
-            0
-        ]  # table entries; 0.1 s a frame
+        log_e, log_b = self._logs(pairs)
+        weights, _ = _marginals(
+            pairs.track, pairs.detection, log_e, log_b, MOST_ENTRIES
+        )
+        return weights
 
 
 def assign(track: Index, detection: Index, cost: Array, missed: Array) -> Flags:
     """Return which pairs (p,) are taken at the least total cost.
 
-    ``cost`` (p,) is that of a pair, ``missed`` (n,) that of a track without detection.
-    Costs may be negative. ``detection`` ascends within a ``track``. At equal cost a
-    track takes a detection rather than none, as only costs above C_NA exclude a pair
-    (section 4.1.3).
+    At equal cost a track takes a detection rather than none, as only costs above C_NA
+    exclude a pair (section 4.1.3).
+
+    Parameters
+    ----------
+    track, detection
+        (p,) sides of the pairs; ``detection`` ascends within a ``track``.
+    cost
+        (p,) of a pair; may be negative.
+    missed
+        (n,) cost of a track without detection.
     """
     every = np.arange(len(missed))
     i = np.concatenate([track, every])
     costs = np.concatenate([cost, missed])
     j = np.concatenate([detection, every + (detection.max(initial=-1) + 1)])
     order = np.lexsort((costs, i))
+    cheapest = order[np.searchsorted(i, every, sorter=order)]
+    wanted = j[cheapest]
     taken = np.zeros(len(i), np.bool_)
-    best = order[np.searchsorted(i, every, sorter=order)]  # the cheapest of each track
-    taken[best], wanted = True, j[best]
+    taken[cheapest] = True
     rivals = np.bincount(wanted, minlength=1)[wanted] > 1
-    if (
-        rivals.any()
-    ):  # solve those and, step by step, the tracks whose detection they may take
+    if rivals.any():
         reached = np.zeros(j.max() + 1, np.bool_)
         before = 0
+        # Tracks whose wanted detection a rival may take become rivals themselves.
         while rivals.sum() > before:
             before = rivals.sum()
             reached[j[rivals[i]]] = True
             rivals = reached[wanted]
         inside = np.flatnonzero(rivals[i])
-        row, column = (np.cumsum(each) - 1 for each in (rivals, reached))
+        row = np.cumsum(rivals) - 1
+        column = np.cumsum(reached) - 1
         taken[inside] = _cheapest(row[i[inside]], column[j[inside]], costs[inside])
     return taken[: len(cost)]
 
 
 def _cheapest(row: Index, column: Index, costs: Array) -> Flags:
-    """Return which entries (q,) of a sparse table make the least sum, one in each row."""
-    if (row.max() + 1) * (column.max() + 1) > 2**20:  # 8 MB
-        table = csr_array(
-            (costs - costs.min() + 1.0, (row, column))
-        )  # 0 would be no entry
+    """Return which entries (q,) of a sparse table make the least sum, one per row."""
+    shape = (row.max() + 1, column.max() + 1)
+    if shape[0] * shape[1] > 2**20:  # 8 MB
+        # A cost of 0 would be no entry.
+        table = csr_array((costs - costs.min() + 1.0, (row, column)))
         return csgraph.min_weight_full_bipartite_matching(table)[1][row] == column
-    dense = np.full((row.max() + 1, column.max() + 1), np.inf)
+    dense = np.full(shape, np.inf)
     dense[row, column] = costs
     return np.asarray(linear_sum_assignment(dense)[1][row] == column)
 
@@ -280,6 +348,10 @@ def joint_probabilities(
         If shapes do not fit, a number is negative or not finite, or no event is
         possible.
 
+    Examples
+    --------
+    Two tracks share one detection: of three joint events each has one third.
+
     >>> joint_probabilities([[1.0], [1.0]], [1.0, 1.0]).round(3).tolist()
     [[0.667, 0.333], [0.667, 0.333]]
     """
@@ -293,60 +365,70 @@ def joint_probabilities(
     for name, values in (("likelihood", pairs), ("nonassignment", missed)):
         check_number(values.min(initial=0.0), f"{name} (not its logarithm)", least=0)
     i, j = pairs.nonzero()
+    with np.errstate(divide="ignore"):  # ln 0 is -inf, as it should be
+        log_missed = np.log(missed)
     result = np.zeros((len(missed), 1 + pairs.shape[1]))
-    logs = (
-        np.log(pairs[i, j]),
-        np.log(missed, np.full(len(missed), -np.inf), where=missed > 0),
+    result[i, 1 + j], result[:, 0] = _marginals(
+        i, j, np.log(pairs[i, j]), log_missed, most_states
     )
-    result[i, 1 + j], result[:, 0] = _marginals(i, j, *logs, most_states)
     return result
 
 
 def _marginals(
-    i: Index, j: Index, pairs: Array, missed: Array, most: int
+    i: Index, j: Index, log_pairs: Array, log_missed: Array, most: int
 ) -> tuple[Array, Array]:
-    """Return the probabilities of p pairs (p,) and of n missed tracks (n,), from
-    logarithms.
+    """Return the probabilities of p pairs (p,) and of n missed tracks (n,).
 
-    Pairs are of tracks ``i`` and detections ``j``; ``most`` is the limit of table
-    entries. The n tracks and, after them, the m detections are vertices of a graph. Its
-    edges are the pairs whose detection several tracks can have. ``chances`` holds the
-    probabilities of edges and, as (v, v), of vertices without one.
+    The n tracks and, after them, the m detections are vertices of a graph. Its edges
+    are the pairs whose detection several tracks can have.
+
+    Parameters
+    ----------
+    i, j
+        (p,) tracks and detections of the pairs.
+    log_pairs, log_missed
+        (p,) and (n,) logarithms of the weights of pairs and of missed tracks.
+    most
+        Limit of table entries per group.
     """
-    n = len(missed)
+    n = len(log_missed)
+    weights = _scaled(i, j, log_pairs, log_missed)
+    pairs, shared, graph, orders = _thinned(i, j, weights, most)
+    alone = weights.missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
+    single = np.append(alone, weights.unused)
     chances = dict[tuple[int, int], float]()
-    pairs, missed, unused, best = _scaled(i, j, pairs, missed)
-    pairs, shared, graph, orders = _thinned(
-        i, n + j, pairs, np.append(missed, unused), best, most
-    )
-    alone = missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
-    for order, _ in orders:
-        _sum_events(order, graph, np.append(alone, unused), chances)
-    scale = np.array([chances.get((v, v), 1.0) for v in range(n)]) / np.maximum(
-        alone, 2.3e-308
-    )
+    for order in orders:
+        chances |= _sum_events(order, graph, single)
+    without = np.array([chances.get((v, v), 1.0) for v in range(n)])
+    scale = without / np.maximum(alone, 2.3e-308)
     pairs = pairs * scale[i]
-    missed = missed * scale
-    pairs[shared] = [
-        chances[edge] for edge in zip(i[shared], n + j[shared], strict=True)
-    ]
+    missed = weights.missed * scale
+    edges = zip(i[shared], n + j[shared], strict=True)
+    pairs[shared] = [chances[edge] for edge in edges]
     total = missed + np.bincount(i, pairs, n)
     return pairs / total[i], missed / total
 
 
-def _scaled(i: Index, j: Index, log_pairs: Array, log_missed: Array) -> tuple[Any, ...]:
-    """Return weights scaled so that the best joint event has weight 1, and that event.
+class _Scaled(NamedTuple):
+    """Weights of p pairs, n tracks and m detections; the best joint event has 1."""
 
-    Weights are of pairs (p,), of missed tracks (n,) and of unused detections (m,). The
-    event is which pairs (p,) it has. Factors are the dual prices of the best assignment
-    (Bellman and Ford); they leave probabilities unchanged. No weight exceeds 1, so none
-    overflows, and weights that underflow are negligible.
+    pairs: Array  # (p,)
+    missed: Array  # (n,) of a track without detection
+    unused: Array  # (m,) of a detection without track
+    best: Flags  # (p,) pairs of the best event
+
+
+def _scaled(i: Index, j: Index, log_pairs: Array, log_missed: Array) -> _Scaled:
+    """Return weights scaled so that the best joint event has weight 1.
+
+    Factors are the dual prices of the best assignment (Bellman and Ford); they leave
+    probabilities unchanged. No weight exceeds 1, so none overflows, and weights that
+    underflow are negligible.
     """
     row_price = -log_missed
     column_price = np.zeros(j.max(initial=-1) + 1)
-    best = assign(
-        i, j, -log_pairs, np.minimum(row_price, 1e7)
-    )  # dearer than all others together
+    # 1e7 is dearer than all other pairs together.
+    best = assign(i, j, -log_pairs, np.minimum(row_price, 1e7))
     if np.isinf(np.delete(row_price, i[best])).any():
         raise InputError("nonassignment: with so many 0, no joint event is possible.")
     for _ in row_price:
@@ -355,70 +437,82 @@ def _scaled(i: Index, j: Index, log_pairs: Array, log_missed: Array) -> tuple[An
         np.minimum.at(column_price, j, -log_pairs - row_price[i])
         if (before == column_price).all():
             break
-    pairs = np.exp(np.minimum(0.0, log_pairs + row_price[i] + column_price[j]))
-    return (
-        pairs,
-        np.exp(np.minimum(0.0, log_missed + row_price)),
-        np.exp(column_price),
-        best,
+    log_pairs = log_pairs + row_price[i] + column_price[j]
+    return _Scaled(
+        pairs=np.exp(np.minimum(0.0, log_pairs)),
+        missed=np.exp(np.minimum(0.0, log_missed + row_price)),
+        unused=np.exp(column_price),
+        best=best,
     )
 
 
-def _thinned(
-    i: Index, j: Index, pairs: Array, single: Array, best: Flags, most: int
-) -> Any:
-    """Return the pairs (p,) without the weakest of large groups, and the graph of the
-    others.
+def _thinned(i: Index, j: Index, weights: _Scaled, most: int) -> Any:
+    """Return the pairs (p,) without the weakest of large groups, and their graph.
 
-    Edges of the graph are pairs whose detection several tracks can have. A single
-    track's detection needs none if its weight unused is 1: the pair then depends on no
-    other. A group is a connected part. Pairs are set to 0, a thirtieth at a time, until
-    no group needs more than ``most`` table entries. Those of the ``best`` event (p,)
-    are removed last, so that an event remains possible. Large groups are tried from
-    eight more starts, as the size of their tables depends on the order; the smallest is
-    kept.
+    A group is a connected part of the graph. Weights are set to 0, a thirtieth of a
+    group's pairs at a time, until no group needs more than ``most`` table entries.
+    Pairs of the best event are removed last, so that an event remains possible.
 
     Returns
     -------
     tuple
-        Weights of the pairs (p,), which are edges (p,), the graph, and by group the
-        elimination order of its vertices and the number of table entries.
+        Weights of the pairs (p,), which are edges (p,), the graph, and the elimination
+        order of each group.
     """
-    kept = pairs.copy()
-    dense = [-1]
-    while dense:
-        inside = np.flatnonzero((kept > 0) & np.isin(i, dense))
-        weakest = inside[np.argsort((pairs + best)[inside], kind="stable")]
-        kept[weakest[: 1 + len(weakest) // 30]] = 0.0
+    kept = weights.pairs.copy()
+    while True:
         there = kept > 0
-        graph = _Graph()
-        orders = list[Any]()
-        ordered = set[int]()
-        shared = there & (
-            (np.bincount(j, there, len(single))[j] > 1) | (single[j] < 1.0)
-        )
-        for v, u, weight in zip(
-            *(each[shared].tolist() for each in (i, j, kept)), strict=True
-        ):
-            graph.setdefault(v, {})[u] = graph.setdefault(u, {})[v] = weight
-        for start in (near := {v: set(edges) for v, edges in graph.items()}):
-            if start not in ordered:
-                order, states = first = _order(near, start, most)
-                begin = (
-                    np.linspace(0, len(order) - 1, 8, dtype=int)
-                    if states > 2**12
-                    else ()
-                )
-                trials = [first, *(_order(near, order[k], most) for k in begin)]
-                orders.append(min(trials, key=lambda trial: trial[1]))
-                ordered.update(order)
+        tracks = np.bincount(j, there, len(weights.unused))
+        # A pair depends on no other if its detection is its track's alone and has
+        # weight 1 unused.
+        shared = there & ((tracks[j] > 1) | (weights.unused[j] < 1.0))
+        graph = _linked(i[shared], len(weights.missed) + j[shared], kept[shared])
+        orders = _orders(graph, most)
         dense = [v for order, states in orders if states > most for v in order]
-    if (kept < pairs).any():
+        if not dense:
+            break
+        inside = np.flatnonzero(there & np.isin(i, dense))
+        strength = (weights.pairs + weights.best)[inside]
+        weakest = inside[np.argsort(strength, kind="stable")]
+        kept[weakest[: 1 + len(weakest) // 30]] = 0.0
+    if (kept < weights.pairs).any():
         # One text, so Python shows it once.
         warnings.warn(
             "joint probabilities: weak pairs in a crowd are left out", stacklevel=4
         )
-    return kept, shared, graph, orders
+    return kept, shared, graph, [order for order, _ in orders]
+
+
+def _linked(first: Index, second: Index, weights: Array) -> _Graph:
+    """Return the graph whose edges (q,) join ``first`` and ``second``."""
+    graph = _Graph()
+    edges = zip(first.tolist(), second.tolist(), weights.tolist(), strict=True)
+    for v, u, weight in edges:
+        graph.setdefault(v, {})[u] = weight
+        graph.setdefault(u, {})[v] = weight
+    return graph
+
+
+def _orders(graph: _Graph, most: int) -> list[tuple[list[int], float]]:
+    """Return the elimination order of each group, and its number of table entries.
+
+    The number depends on the first vertex. `LARGE` groups are tried from eight more
+    starts; the smallest is kept.
+    """
+    near = {v: set(edges) for v, edges in graph.items()}
+    orders = []
+    ordered = set[int]()
+    for start in near:
+        if start in ordered:
+            continue
+        trials = [_order(near, start, most)]
+        order, states = trials[0]
+        ordered.update(order)
+        if states > LARGE:
+            starts = np.linspace(0, len(order) - 1, 8, dtype=int)
+            trials += [_order(near, order[k], most) for k in starts]
+        orders.append(min(trials, key=lambda trial: trial[1]))
+    return orders
 
 
 def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int], float]:
@@ -440,58 +534,89 @@ def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int],
         frontier = frontier.union(near[order[-1]]).difference(order)
         candidates = frontier.union(*(near[v] for v in frontier)).difference(order)
         states += 2.0 ** len(frontier)
-        while candidates and states > most:  # too large: only its members are asked for
+        while candidates and states > most:  # too large: the members alone matter
             order.extend(candidates)
-            candidates = (
-                set[int]().union(*(near[v] for v in candidates)).difference(order)
-            )
+            around = set[int]().union(*(near[v] for v in candidates))
+            candidates = around.difference(order)
     return order, states
 
 
-def _sum_events(
-    order: list[int], graph: _Graph, single: Array, chances: dict[Any, float]
-) -> None:
-    """Write the probabilities of one group's edges and vertices into ``chances``.
+class _Removal(NamedTuple):
+    """The removal of one vertex from the table of `_sum_events`."""
 
-    ``graph`` has the weights of edges, ``single`` those of vertices without an edge.
-    Vertices are removed in ``order``: unmatched, or matched with a remaining neighbour.
-    The table has an axis for each frontier vertex (0: free, 1: matched) and holds the
-    summed weight of the partial events. A backward pass multiplies it by the weight of
-    all their completions.
+    vertex: int
+    halves: dict[int, Any]  # index of the axis before that of each neighbour
+    axis: int  # of the vertex
+    shape: tuple[int, ...]  # of the table with all vertices, new ones in one axis
+    free: Array  # weights of the events that leave the vertex to its neighbours
+    taken: Array  # weights of the events in which it is matched already
+
+
+def _sum_events(
+    order: list[int], graph: _Graph, single: Array
+) -> dict[tuple[int, int], float]:
+    """Return the probabilities of one group's edges and, as (v, v), single vertices.
+
+    ``graph`` has the weights of edges, ``single`` those of vertices without an edge. A
+    backward pass over the removals multiplies the weights of partial events by the
+    weight of all their completions.
+    """
+    chances = {}
+    follows = np.ones(())
+    for step in reversed(_removals(order, graph, single)):
+        vertex = step.vertex
+        follows = follows / follows.max()
+        before = single[vertex] * follows
+        shares = {vertex: (step.free * before).sum()}
+        for other, half in step.halves.items():
+            ahead = graph[vertex][other] * follows[*half, 1]
+            shares[other] = (step.free[*half, 0] * ahead).sum()
+            before[*half, 0] += ahead
+        total = sum(shares.values()) + (step.taken * follows).sum()
+        for other, share in shares.items():
+            edge = min(vertex, other), max(vertex, other)
+            chances[edge] = float(share / total)
+        both = np.stack([before, follows], axis=step.axis)
+        follows = both.reshape(step.shape)[..., 0]
+    return chances
+
+
+def _removals(order: list[int], graph: _Graph, single: Array) -> list[_Removal]:
+    """Return the removals of one group's vertices in ``order``.
+
+    A vertex is unmatched, or matched with a remaining neighbour. The table has an axis
+    for each frontier vertex (0: free, 1: matched) and holds the summed weight of the
+    partial events.
     """
     table = np.ones(())
     frontier = list[int]()
-    steps = list[Any]()
+    removals = []
     for k, vertex in enumerate(order):
         near = [other for other in order[k + 1 :] if other in graph[vertex]]
-        every = [
-            *frontier,
-            *(other for other in (vertex, *near) if other not in frontier),
-        ]
+        new = [other for other in (vertex, *near) if other not in frontier]
+        every = frontier + new
         wide = np.zeros((2,) * len(every))
-        axis = every.index(vertex)
         shape = (*table.shape, -1)
         wide.reshape(shape)[..., 0] = table
+        axis = every.index(vertex)
         free, taken = np.moveaxis(wide, axis, 0)
         frontier = [other for other in every if other != vertex]
-        table = single[vertex] * free + taken
         halves: Any = {other: (slice(None),) * frontier.index(other) for other in near}
+        removals.append(
+            _Removal(
+                vertex=vertex,
+                halves=halves,
+                axis=axis,
+                shape=shape,
+                free=free,
+                taken=taken,
+            )
+        )
+        table = single[vertex] * free + taken
         for other, half in halves.items():
             table[*half, 1] += graph[vertex][other] * free[*half, 0]
         table /= table.max()
-        steps.append((vertex, halves, axis, shape, free, taken))
-    follows = np.ones(())
-    for vertex, halves, axis, shape, free, taken in reversed(steps):
-        before = single[vertex] * (follows := follows / follows.max())
-        shares = {vertex: (free * before).sum()}
-        for other, half in halves.items():
-            ahead = graph[vertex][other] * follows[*half, 1]
-            shares[other] = (free[*half, 0] * ahead).sum()
-            before[*half, 0] += ahead
-        total = sum(shares.values()) + (taken * follows).sum()
-        for other, share in shares.items():
-            chances[vertex, other] = chances[other, vertex] = float(share / total)
-        follows = np.stack([before, follows], axis=axis).reshape(shape)[..., 0]
+    return removals
 
 
 ASSOCIATORS: tuple[Associator, ...] = (NearestNeighbor(), GNN(), PDA(), JPDA())

@@ -1,7 +1,6 @@
 """Ignition of a particle, by its grey values (section 5.3.2 of the thesis).
 
-grey values along a track -> above those behind -> best single step -> upwards? ->
-IgnitionResult
+    grey values of a track -> above the background -> best step -> `IgnitionResult`
 
 The thesis prints no rule: `Ignition` is our test of its sentence.
 """
@@ -84,9 +83,23 @@ class Ignition:
     background, and 4; a slight rise near the wall is expressly no ignition (5.2.4). A
     particle that is light from its first detection on has no step: its grey value does
     not rise.
+
+    Parameters
+    ----------
+    above_background
+        Whether the rise is measured above the background, where that is known; else it
+        is the rise of the grey value itself.
+
+    Examples
+    --------
+    >>> time_s = np.arange(60) / 330
+    >>> gray = np.where(time_s < 0.1, 3000.0, 9000.0)
+    >>> found = Ignition()(time_s, gray)
+    >>> found.outcome, round(found.time_s, 3), found.after - found.before
+    ('seen', 0.098, 6000.0)
     """
 
-    above_background: bool = True  # False: the rise of the grey value itself
+    above_background: bool = True
 
     def __call__(
         self,
@@ -112,37 +125,55 @@ class Ignition:
             If lengths differ, a value is not finite or below 0, or times do not ascend.
         """
         time, light = _course(time_s, gray)
-        behind = None if background is None else _course(time_s, background)[1]
-        values = (
-            light if behind is None or not self.above_background else light - behind
-        )
-        searched = len(values) - 2 * LEAST_POINTS + 1  # splits
-        # The second: even the clearest step, p = splits / C(n, n // 2), could be
-        # chance.
-        if searched < 1 or searched > SIGNIFICANCE * math.comb(
-            len(values), len(values) // 2
-        ):
+        values = light
+        behind = None
+        if background is not None:
+            behind = _course(time_s, background)[1]
+            if self.above_background:
+                values = light - behind
+        splits = _splits(len(values))
+        if splits < 1:
             return IgnitionResult(TOO_FEW)
         split, deviation = best_step(values, LEAST_POINTS)
-        level = float(np.median(values))
         if split < 0:
+            level = float(np.median(values))
             return IgnitionResult(NONE, before=level, after=level)
         before = float(np.median(values[:split]))
         after = float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
-        scatter = 1.4826 * float(
-            np.median(np.abs(off))
-        )  # standard deviation of a Gaussian
-        p_value = min(1.0, searched * rank_sum_p(values[:split], values[split:]))
+        # 1.4826 makes it the standard deviation of a Gaussian.
+        scatter = 1.4826 * float(np.median(np.abs(off)))
+        p_value = min(1.0, splits * rank_sum_p(values[:split], values[split:]))
         is_step = (
             p_value <= SIGNIFICANCE
             and deviation < line_deviation(time, values)
             and after - before >= max(RISE * scatter, SHARE * np.median(light[:split]))
             and (behind is None or np.median(light[split:] - behind[split:]) > 0.0)
         )
-        moment = float(time[split - 1] + time[split]) / 2 if is_step else math.nan
-        outcome = SEEN if is_step else NONE
-        return IgnitionResult(outcome, moment, before, after, scatter, p_value)
+        moment = math.nan
+        outcome = NONE
+        if is_step:
+            moment = float(time[split - 1] + time[split]) / 2
+            outcome = SEEN
+        return IgnitionResult(
+            outcome=outcome,
+            time_s=moment,
+            before=before,
+            after=after,
+            scatter=scatter,
+            p_value=p_value,
+        )
+
+
+def _splits(count: int) -> int:
+    """Return the number of places of a step among ``count`` values.
+
+    It is 0 if even the clearest step, p = splits / C(n, n // 2), could be chance.
+    """
+    splits = count - 2 * LEAST_POINTS + 1
+    if splits > SIGNIFICANCE * math.comb(count, count // 2):
+        return 0
+    return splits
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
@@ -167,7 +198,7 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
     """
     count = len(values)
     median, spread = _growing(values)
-    median_after, spread_after = (side[::-1] for side in _growing(values[::-1]))
+    median_after, spread_after = np.flip(_growing(values[::-1]), axis=1)
     rounding = count * np.finfo(np.float64).eps * np.abs(values).sum()
     split = -1
     deviation = np.inf
@@ -201,9 +232,9 @@ def rank_sum_p(before: Array, after: Array) -> float:
     values = np.append(before, after)
     earlier = np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
-    method: Literal["exact", "asymptotic"] = (
-        "exact" if len(values) <= 200 else "asymptotic"
-    )
+    method: Literal["exact", "asymptotic"] = "exact"
+    if len(values) > 200:
+        method = "asymptotic"
     test = scipy.stats.mannwhitneyu(
         rank[earlier], rank[~earlier], alternative="less", method=method
     )

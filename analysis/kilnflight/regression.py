@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,12 +39,27 @@ NO_DEPTH = "no depth"
 TOO_FEW = "too few points"
 AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 BETTER = np.array([-1.0, -1.0, 1.0, 1.0])  # sign of a gain: errors fall, R2 rises
+# Columns of `TRAJECTORIES` and fields of `Fit`; ``{}`` stands for x, y, z.
+_FIELDS = {
+    "points": "points",
+    "first_s": "first_s",
+    "last_s": "last_s",
+    "t0_s": "t0",
+    "t0_at_bound": "t0_at_bound",
+}
+_FIELDS_BY_AXIS = {
+    "exit_{}": "exit_point_mm",
+    "order_{}": "orders",
+    "rmse_{}_mm": "rmse_mm",
+    "mape_{}_percent": "mape_percent",
+    "r2_{}": "r2",
+    "r2_adjusted_{}": "r2_adjusted",
+}
 ROUNDING_MM = 1e-6  # an RMSE below it is rounding
 # of three points: "a few randomly selected points", section 4.3; the number is ours
 TRIPLES = 20
-LONGEST_S = (
-    1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
-)
+# from the exit to the first detection; ours: the longest flights (Fig. 5.19)
+LONGEST_S = 1.0
 GRID = 65  # values of t0 on the grid that is searched downhill
 # of the duration after the first detection; steps grow with the distance from it
 DENSE = 0.1
@@ -58,6 +74,8 @@ class Fit:
     ...`` (Eq. 4.29 in powers of t - t0). A measure that is not defined along an axis is
     NaN.
 
+    Examples
+    --------
     >>> fit = Fit((0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
     ...           ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60)
     >>> fit(0.2).round(3).tolist()
@@ -79,14 +97,12 @@ class Fit:
     r2_adjusted: Three = (np.nan,) * 3  # Eq. 4.33
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
-        """Return positions (n, 3) in mm at times (n,) in s or at one time (n = 1)."""
-        return (
-            self._sums([(0.0, *axis) for axis in self.coefficients], time_s)
-            + self.exit_point_mm
-        )
+        """Return positions (n, 3) in mm at times (n,) or one time, in s."""
+        factors = [(0.0, *axis) for axis in self.coefficients]
+        return self._sums(factors, time_s) + self.exit_point_mm
 
     def velocity(self, time_s: npt.ArrayLike) -> Array:
-        """Return velocities (n, 3) in mm/s at times (n,) in s or at one time (n = 1)."""
+        """Return velocities (n, 3) in mm/s at times (n,) or one time, in s."""
         rates = [[k * c for k, c in enumerate(axis, 1)] for axis in self.coefficients]
         return self._sums(rates, time_s)
 
@@ -95,10 +111,8 @@ class Fit:
 
         ``factors`` holds one sequence per axis; ``time_s`` (n,) or one number is in s.
         """
-        time = np.atleast_1d(check_finite(time_s, "Fit: time_s"))
-        return np.stack(
-            [np.polyval(axis[::-1], time - self.t0) for axis in factors], axis=-1
-        )
+        since = np.atleast_1d(check_finite(time_s, "Fit: time_s")) - self.t0
+        return np.stack([np.polyval(axis[::-1], since) for axis in factors], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -115,21 +129,39 @@ class Regression:
     measures is less than 1% for each order of enhancement": an order more counts if
     each of the four measures improves by ``gain`` of its value. (4) An order k leaves n
     - (k + 1) > 0 degrees of freedom for n points. (5) All axes have the same weight.
+
+    Parameters
+    ----------
+    lowest, highest
+        Orders of the polynomials, section 4.3; at most 9, since higher ones are not
+        separated from rounding.
+    gain
+        Smallest relative improvement that an order more must bring, section 4.3.
+    measures
+        Names of the measures that must all improve, section 4.3.
+
+    Examples
+    --------
+    A particle leaves the lance at 0.1 s with 10 m/s.
+
+    >>> time = np.linspace(0.2, 0.4, 30)
+    >>> places = np.stack([0 * time, 0 * time, 6500 - 1e4 * (time - 0.1)], axis=1)
+    >>> fit = Regression()(time, places, np.array([0.0, 0.0, 6500.0]))
+    >>> round(fit.t0, 6), fit.velocity(0.3).round(3).tolist()
+    (0.1, [[0.0, 0.0, -10000.0]])
     """
 
-    lowest: int = 2  # order, section 4.3
-    highest: int = 6  # order, section 4.3
-    gain: float = 0.01  # relative, section 4.3
-    measures: tuple[str, ...] = (
-        AXIS_MEASURES  # those that must all improve, section 4.3
-    )
+    lowest: int = 2
+    highest: int = 6
+    gain: float = 0.01
+    measures: tuple[str, ...] = AXIS_MEASURES
 
     def __post_init__(self) -> None:
-        for name, least in ("lowest", 1), ("highest", self.lowest):
-            order = getattr(self, name)
-            where = f"Regression: {name}"
-            # 9: higher ones are not separated from rounding
-            check_number(order, where, least=least, most=9, whole=True)
+        where = "Regression: "
+        check_number(self.lowest, where + "lowest", least=1, most=9, whole=True)
+        check_number(
+            self.highest, where + "highest", least=self.lowest, most=9, whole=True
+        )
         check_number(self.gain, "Regression: gain", least=0, most=1)
         if not self.measures or set(self.measures) - set(AXIS_MEASURES):
             raise InputError(
@@ -179,30 +211,27 @@ class Regression:
             return np.array(list(map(fit_measures, places.T, fitted, orders)))
 
         orders = self.choose(measure, highest)
-        start = solve(orders)[0]
-        quality = measure(orders).T
-        since = (unit - start) / (1.0 - start)  # so that the powers stay within 0 and 1
-        factors = []
-        for axis, order in enumerate(orders):
-            powers = np.arange(1, order + 1)
-            basis = since[:, None] ** powers
-            solved = np.linalg.lstsq(basis, moved[axis])[0]
-            factors.append(
-                tuple((solved / ((1.0 - start) * duration) ** powers).tolist())
-            )
-        t0, *range_s = (time[0] + np.array([start, *limits]) * duration).tolist()
-        early, late = np.isclose(
-            start, limits, rtol=0, atol=1e-9 * np.ptp(limits)
-        ).astype(int)
-        fields = (
-            tuple(exit_point.tolist()),
-            t0,
-            int(late - early),
-            tuple(range_s),
-            orders,
+        start, _ = solve(orders)
+        t0, earliest, latest = (
+            time[0] + np.array([start, *limits]) * duration
+        ).tolist()
+        near = np.isclose(start, limits, rtol=0, atol=1e-9 * np.ptp(limits))
+        rmse, mape, r2, r2_adjusted = map(tuple, measure(orders).T.tolist())
+        return Fit(
+            exit_point_mm=tuple(exit_point.tolist()),
+            t0=t0,
+            t0_at_bound=int(near[1]) - int(near[0]),
+            t0_range_s=(earliest, latest),
+            orders=orders,
+            coefficients=_coefficients(unit, moved, start, orders, duration),
+            first_s=float(time[0]),
+            last_s=float(time[-1]),
+            points=len(time),
+            rmse_mm=rmse,
+            mape_percent=mape,
+            r2=r2,
+            r2_adjusted=r2_adjusted,
         )
-        span = [*time[[0, -1]].tolist(), len(time)]
-        return Fit(*fields, tuple(factors), *span, *map(tuple, quality.tolist()))
 
     def choose(self, measure: Callable[[Orders], Array], highest: int) -> Orders:
         """Return the orders (3,) of the polynomials in x, y, z (section 4.3).
@@ -237,6 +266,24 @@ class Regression:
             orders = max(gains, key=lambda each: gains[each])
 
 
+def _coefficients(
+    time: Array, moved: Array, start: float, orders: Orders, duration: float
+) -> tuple[tuple[float, ...], ...]:
+    """Return the best coefficients of each axis in mm/s, mm/s^2, ...
+
+    ``time`` (n,) and t0, ``start``, are in durations of the track, ``duration`` in s;
+    ``moved`` (3, n) is in mm from the outlet.
+    """
+    since = (time - start) / (1.0 - start)  # so that the powers stay within 0 and 1
+    factors = []
+    for order, places in zip(orders, moved, strict=True):
+        powers = np.arange(1, order + 1)
+        solved = np.linalg.lstsq(since[:, None] ** powers, places)[0]
+        solved = solved / ((1.0 - start) * duration) ** powers
+        factors.append(tuple(solved.tolist()))
+    return tuple(factors)
+
+
 def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, float]:
     """Return the range (2,) of t0 and its first guess, from random points.
 
@@ -260,9 +307,8 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
     at = time[drawn]
     # Quadratics through the exit at t0 have vanishing second divided differences of
     # moved / (t - t0). The residual is the difference that is left.
-    differences = 1.0 / np.prod(
-        at[:, :, None] - at[:, [[1, 2], [0, 2], [0, 1]]], axis=2
-    )
+    others = at[:, [[1, 2], [0, 2], [0, 1]]]
+    differences = 1.0 / np.prod(at[:, :, None] - others, axis=2)
 
     def cost(start: Array) -> Array:
         """Return the squared residual (TRIPLES, g) of Eq. 4.29 at t0 (g, TRIPLES)."""
@@ -271,8 +317,8 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
         return left.sum(axis=0) / (factors**2).sum(axis=2).T
 
     low, high = np.tile(widest[:, None], TRIPLES)
-    # 129: with 65, exact flights miss their minimum. Then 16 steps over two of the
-    # last.
+    # With 65 values exact flights miss their minimum. Each finer grid has 16 steps over
+    # two of the last.
     for count in [129] + 10 * [17]:
         grid = np.linspace(low, high, count)
         best = np.argmin(cost(grid), axis=1)
@@ -304,20 +350,11 @@ def trajectory_solver(
     limits, first
         Range (2,) and first guess of t0, of `range_of_start`.
     """
-    powers = legendre.legvander(2 * time - 1, highest - 1)
+    powers: Any = legendre.legvander(2 * time - 1, highest - 1)
     # Denser towards the first detection, where the cost changes faster with t0.
-    grid = np.clip(
-        DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits
-    )
-
-    def fitted(start: Array, orders: Orders) -> Array:
-        """Return the best positions (3, k, n) in mm for each given t0 (k,)."""
-        basis = np.linalg.qr(
-            (time - start[:, None])[:, :, None] * powers[:, : max(orders)]
-        )[0]
-        shares = moved @ basis  # of each vector of the basis, (k, 3, highest order)
-        shares[:, np.arange(max(orders)) >= np.array(orders)[:, None]] = 0.0
-        return np.swapaxes(shares @ np.swapaxes(basis, 1, 2), 0, 1)
+    grid = DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID)
+    grid = np.clip(grid, *limits)
+    fitted = partial(_best_places, time, moved, powers)
 
     @cache
     def costs(order: int) -> Array:
@@ -326,49 +363,68 @@ def trajectory_solver(
 
     @cache
     def slope(start: float, orders: Orders) -> float:
-        """Return half the derivative of the total cost by t0, at the best coefficients."""
+        """Return half the derivative of the total cost by t0, at the best fit."""
         best = fitted(np.array([start]), orders)[:, 0]
         return float((((moved - best) * best) @ (1.0 / (time - start))).sum())
 
     def solve(orders: Orders) -> tuple[float, Array]:
-        """Return t0 and the fitted positions (3, n) in mm.
-
-        t0 descends on the grid from its first guess; a root of the slope refines it.
-        """
+        """Return t0 and the fitted positions (3, n) in mm."""
         cost = np.sum([costs(order)[axis] for axis, order in enumerate(orders)], axis=0)
-        cost = np.append(cost, np.inf)
-        at = int(np.argmin(np.abs(grid - first)))
-        while step := (0, -1, 1)[np.argmin(cost[[at, at - 1, at + 1]])]:  # downhill
-            at += step
+        at = _downhill(cost, int(np.argmin(np.abs(grid - first))))
         start = float(grid[at])
-        side = at - 1 if slope(start, orders) > 0 else at + 1
+        rising = slope(start, orders)
+        side = at - 1 if rising > 0 else at + 1
         other = float(grid[np.clip(side, 0, GRID - 1)])
-        if slope(start, orders) * slope(other, orders) < 0:
+        if rising * slope(other, orders) < 0:
             start = brentq(slope, start, other, (orders,), xtol=1e-14)
         return start, fitted(np.array([start]), orders)[:, 0]
 
     return solve
 
 
+def _best_places(
+    time: Array, moved: Array, powers: Array, start: Array, orders: Orders
+) -> Array:
+    """Return the best positions (3, k, n) in mm for each t0, ``start`` (k,).
+
+    ``powers`` (n, highest order) are the polynomials that are multiplied by t - t0.
+    """
+    most = max(orders)
+    factors = (time - start[:, None])[:, :, None] * powers[:, :most]
+    basis = np.linalg.qr(factors)[0]
+    shares = moved @ basis  # of each vector of the basis, (k, 3, highest order)
+    shares[:, np.arange(most) >= np.array(orders)[:, None]] = 0.0
+    return np.swapaxes(shares @ np.swapaxes(basis, 1, 2), 0, 1)
+
+
+def _downhill(cost: Array, at: int) -> int:
+    """Return the index of the local minimum of ``cost`` (n,) downhill of ``at``."""
+    cost = np.append(cost, np.inf)  # beyond both ends
+    while True:
+        step = (0, -1, 1)[np.argmin(cost[[at, at - 1, at + 1]])]
+        if step == 0:
+            return at
+        at += step
+
+
 def fit_measures(places: Array, fitted: Array, order: int) -> Array:
     """Return RMSE, MAPE, R2 and adjusted R2 (4,) of one axis (Eqs 4.30 to 4.33).
 
     ``places`` and ``fitted`` (n,) are in mm, and so is the RMSE. MAPE, in %, leaves out
-    points at
-    0. Points near 0 make it large, so Table 5.18 gives medians. R2 is NaN without
-       motion.
+    points whose place is 0. Points near 0 make it large, so Table 5.18 gives medians.
+    R2 is NaN without motion.
     """
     squares = np.sum((places - fitted) ** 2)
     free = len(places) - (order + 1)
+    mape = np.nan
     known = places != 0
-    relative = np.abs((places[known] - fitted[known]) / places[known])
-    mape = 100 * relative.mean() if known.any() else np.nan
-    about_mean = (
-        np.sum((places - places.mean()) ** 2) if places.min() < places.max() else 0.0
-    )
-    r2 = (
-        1 - squares / about_mean if about_mean > 0 else np.nan
-    )  # Eq. 4.32 divides by it
+    if known.any():
+        relative = np.abs((places[known] - fitted[known]) / places[known])
+        mape = 100 * relative.mean()
+    r2 = np.nan
+    about_mean = np.sum((places - places.mean()) ** 2)
+    if places.min() < places.max() and about_mean > 0:  # Eq. 4.32 divides by it
+        r2 = 1 - squares / about_mean
     return np.array([np.sqrt(squares / free), mape, r2, r2 - (1 - r2) * order / free])
 
 
@@ -392,17 +448,33 @@ def regress(
     parameters
         None: `Regression` with its defaults.
 
+    Returns
+    -------
+    Fit
+        The trajectory, which may be called at a time.
+
     Raises
     ------
     InputError
         If the track holds several particles or too few points, or an argument is
         invalid.
+
+    Examples
+    --------
+    A particle leaves the lance in frame 10 with 10 m/s.
+
+    >>> track = pd.DataFrame({"frame": range(20, 50), "x": 0.0, "y": 0.0})
+    >>> track["z"] = 6500.0 - 100.0 * (track["frame"] - 10)
+    >>> fit = regress(track, (0.0, 0.0, 6500.0), frame_rate_hz=100.0)
+    >>> round(fit.t0, 6), fit.orders
+    (0.1, (2, 2, 2))
     """
     track = plain(track)
-    if not len(track) or ("particle" in track and len(track["particle"].unique()) > 1):
+    if not len(track) or len(track.get("particle", pd.Series()).unique()) > 1:
         raise InputError("track: must hold one particle; call regress_all for several.")
     ((_, time, places),) = _located(track.assign(particle=0), frame_rate_hz, "track")
-    return (parameters or Regression())(time, places, _outlet(exit_point))
+    method = parameters or Regression()
+    return method(time, places, _outlet(exit_point))
 
 
 def regress_all(
@@ -436,78 +508,78 @@ def regress_all(
             f"regress_all: parameters.highest is above {HIGHEST_ORDER}; use regress."
         )
     exit_mm = _outlet(exit_point)
-    rows = [
-        _row(method, exit_mm, timed)
-        for timed in _located(tracks, frame_rate_hz, "tracks")
-    ]
-    return (
-        pd.DataFrame(rows, columns=TRAJECTORIES.names) if rows else TRAJECTORIES.empty()
-    )
+    timed = _located(tracks, frame_rate_hz, "tracks")
+    rows = [_row(method, exit_mm, *each) for each in timed]
+    if not rows:
+        return TRAJECTORIES.empty()
+    return pd.DataFrame(rows, columns=TRAJECTORIES.names)
 
 
 def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
     """Return the `Fit` of each fitted particle of a trajectory table, by particle.
 
-    The columns are read by their order in `kilnflight.tables.TRAJECTORIES`.
+    Parameters
+    ----------
+    trajectories
+        `kilnflight.tables.TRAJECTORIES`, as `regress_all` returns it.
+
+    Raises
+    ------
+    InputError
+        If the table is not such a table, or has a particle twice.
     """
     table = TRAJECTORIES.check(trajectories, "trajectories")
-    known = dict[int, Fit]()
     table = table[table["outcome"] == FITTED]
-    check_finite(
-        table.iloc[:, 3 : -3 * len(AXIS_MEASURES)], "trajectories of fitted particles"
-    )
-    known_order = (
-        table.filter(regex="^order_").isin(range(1, HIGHEST_ORDER + 1)).to_numpy().all()
-    )
-    if table["particle"].duplicated().any() or not known_order:
+    # The measures alone may be NaN.
+    solved = table.iloc[:, 3 : -3 * len(AXIS_MEASURES)]
+    check_finite(solved, "trajectories of fitted particles")
+    known_order = table[_names("order_{}")].isin(range(1, HIGHEST_ORDER + 1))
+    if table["particle"].duplicated().any() or not known_order.to_numpy().all():
         raise InputError(
             "trajectories: a particle twice, or an order that is not 1 to 6."
         )
-    for row in table.itertuples(index=False, name=None):
-        particle, _, points, first, last, t0, earliest, latest, at_bound, *rest = row
-        exit_mm, orders, *factors = (
-            tuple(rest[k : k + 3]) for k in range(0, len(rest), 3)
-        )
-        by_axis = zip(orders, zip(*factors[:HIGHEST_ORDER], strict=True), strict=True)
-        coefficients = tuple(axis[:order] for order, axis in by_axis)
-        range_s = (earliest, latest)
-        span = (first, last, points)
-        known[particle] = Fit(
-            exit_mm,
-            t0,
-            at_bound,
-            range_s,
-            orders,
-            coefficients,
-            *span,
-            *factors[HIGHEST_ORDER:],
-        )
-    return known
+    return {row["particle"]: _fit(row) for row in table.to_dict("records")}
 
 
-def _row(method: Regression, exit_mm: Array, timed: Timed) -> list[object]:
-    """Return one track's row, in the order of `kilnflight.tables.TRAJECTORIES`."""
-    particle, time, places = timed
-    row: list[object] = [particle, TOO_FEW if len(time) else NO_DEPTH, len(time)]
+def _fit(row: dict[Any, Any]) -> Fit:
+    """Return the trajectory in a row of `kilnflight.tables.TRAJECTORIES`."""
+    fields = {field: row[column] for column, field in _FIELDS.items()}
+    for template, field in _FIELDS_BY_AXIS.items():
+        fields[field] = tuple(row[name] for name in _names(template))
+    coefficients = []
+    for axis, order in zip(AXES, fields["orders"], strict=True):
+        powers = range(1, order + 1)
+        coefficients.append(tuple(row[f"coefficient_{axis}_{k}"] for k in powers))
+    range_s = (row["t0_earliest_s"], row["t0_latest_s"])
+    return Fit(coefficients=tuple(coefficients), t0_range_s=range_s, **fields)
+
+
+def _row(
+    method: Regression, exit_mm: Array, particle: int, time: Array, places: Array
+) -> dict[str, Any]:
+    """Return one track's row of `kilnflight.tables.TRAJECTORIES`; NaN is left out."""
+    row: dict[str, Any] = {"particle": particle, "points": len(time), "t0_at_bound": 0}
+    row |= dict(zip(_names("exit_{}"), exit_mm.tolist(), strict=True))
+    row |= dict.fromkeys(_names("order_{}"), 0)
+    if not len(time):
+        return row | {"outcome": NO_DEPTH}
     if len(time) < method.fewest:
-        span = [time[0], time[-1]] if len(time) else 2 * [np.nan]
-        row += [*span, *3 * [np.nan], 0, *exit_mm.tolist(), 0, 0, 0]
-        return row + (len(TRAJECTORIES.names) - len(row)) * [np.nan]
+        return row | {"outcome": TOO_FEW, "first_s": time[0], "last_s": time[-1]}
     fit = method(time, places, exit_mm)
-    factors = np.zeros((HIGHEST_ORDER, 3))
-    for axis, solved in enumerate(fit.coefficients):
-        factors[: len(solved), axis] = solved
-    row = [
-        particle,
-        FITTED,
-        fit.points,
-        fit.first_s,
-        fit.last_s,
-        fit.t0,
-        *fit.t0_range_s,
-    ]
-    row += [fit.t0_at_bound, *exit_mm.tolist(), *fit.orders, *factors.ravel().tolist()]
-    return row + [value for name in AXIS_MEASURES for value in getattr(fit, name)]
+    row["outcome"] = FITTED
+    row |= {column: getattr(fit, field) for column, field in _FIELDS.items()}
+    row["t0_earliest_s"], row["t0_latest_s"] = fit.t0_range_s
+    for template, field in _FIELDS_BY_AXIS.items():
+        row |= dict(zip(_names(template), getattr(fit, field), strict=True))
+    for axis, factors in zip(AXES, fit.coefficients, strict=True):
+        row |= {f"coefficient_{axis}_{k}": 0.0 for k in range(1, HIGHEST_ORDER + 1)}
+        row |= {f"coefficient_{axis}_{k}": c for k, c in enumerate(factors, 1)}
+    return row
+
+
+def _names(name: str) -> list[str]:
+    """Return the columns of all axes; ``{}`` in the name stands for the axis."""
+    return [name.format(axis) for axis in AXES]
 
 
 def _outlet(exit_point: npt.ArrayLike) -> Array:
@@ -523,16 +595,17 @@ def _located(
     Detections without depth are left out, so n may be 0. Times are frame / ``rate_hz``,
     or the column ``time_s`` if ``rate_hz`` is None.
     """
-    clock, rate = ("time_s", 1.0) if rate_hz is None else ("frame", rate_hz)
-    check_number(rate, "frame_rate_hz", above=0)
+    clock = "time_s"
+    rate = 1.0
+    if rate_hz is not None:
+        clock = "frame"
+        rate = check_number(rate_hz, "frame_rate_hz", above=0)
     check_columns(tracks, ("particle", clock, *AXES), where)
     rows, particle, moment = order_tracks(tracks, where, clock)
-    places = PLACES.check(tracks, where).to_numpy()
+    places = PLACES.check(tracks, where).to_numpy()[rows]
     time = moment.astype(np.float64) / rate
-    places = places[rows]
     names, starts = np.unique(particle, return_index=True)
-    for name, part in zip(
-        names, np.split(np.arange(len(rows)), starts[1:]), strict=False
-    ):
+    parts = np.split(np.arange(len(rows)), starts[1:])
+    for name, part in zip(names, parts, strict=False):
         known = part[np.isfinite(places[part]).all(axis=1)]
         yield int(name), time[known], places[known]

@@ -241,7 +241,6 @@ FLIGHTS = Table(
     start_mm=float,  # distance of its first positions from the lance
     ignition=str,  # seen, none or too few points
     ignition_s=GAPS,  # after t0_s; NaN unless ignition was seen
-    rise_gray=float,  # grey values between both levels, 0 without a step
     wall_mm=float,  # last distance from the kiln's axis
     refused=str,  # reason for rejection; empty if accepted
 )

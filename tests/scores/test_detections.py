@@ -20,7 +20,7 @@ def counts(score):
 
 
 def test_five_detections_and_five_particles_as_in_fig_3_13():
-    """The figure's numbers are not in the text; its outcome is: d4 is FP and p3 is FN."""
+    """The figure's numbers are not in the text; its outcome is: d4 FP and p3 FN."""
     particles = [(100, 100), (100, 140), (300, 300), (200, 100), (200, 160)]
     detections = [(103, 104), (110, 135), (205, 108), (400, 100), (190, 150)]
     score = score_detections(particles, detections)

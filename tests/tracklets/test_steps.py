@@ -181,7 +181,7 @@ def test_the_criteria_of_a_connection_and_a_fusion(step, one, other, joined):
 
 
 def chosen(matching, matrix):
-    """The pairs that are joined of a cost matrix, infinite where a pair is impossible."""
+    """The joined pairs of a cost matrix, infinite where a pair is impossible."""
     earlier, later = np.nonzero(matrix < np.inf)
     result = matching(Candidates(earlier, later, matrix[earlier, later]))
     return sorted(zip(earlier[result].tolist(), later[result].tolist(), strict=True))

@@ -1,9 +1,8 @@
-r"""Flights: start, end, dwell time and velocity (section 5.3.1).
+"""Flights: start, end, dwell time and velocity (section 5.3.1).
 
-::
-
-    track + fitted trajectory -> from the lance? -> landing -> plausible? -> ignition -> dwell time
-                              \-> space-sliced velocity
+A track and its fitted trajectory give the start at the lance, the end on the wall or in
+the air, the ignition, the dwell time (`flights`), and the velocity in each metre
+(`space_sliced_velocity`).
 """
 
 from kilnflight.flight.criteria import BEHIND, LEAVES, TOO_FAST, Plausible, straight_on
@@ -20,7 +19,7 @@ from kilnflight.flight.table import (
 from kilnflight.flight.velocity import reaching, slices, space_sliced_velocity
 
 __all__ = [
-    "BEHIND", "BURNT_OUT", "LANDED", "LEAVES", "LEFT", "LOST", "TOO_FAST", "FieldOfView",
-    "Plausible", "Rules", "flights", "kept", "reaching", "slices", "space_sliced_velocity",
-    "straight_on",
+    "BEHIND", "BURNT_OUT", "LANDED", "LEAVES", "LEFT", "LOST", "TOO_FAST",
+    "FieldOfView", "Plausible", "Rules", "flights", "kept", "reaching", "slices",
+    "space_sliced_velocity", "straight_on",
 ]  # fmt: skip

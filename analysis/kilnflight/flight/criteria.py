@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import InputError, check_number
 from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
 from kilnflight.regression import Fit
 
@@ -22,7 +22,7 @@ WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not 
 CONE = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
 DEPTH_SCATTER_MM = 438.0  # two RMSE in depth (Table 5.18)
 ACROSS_SCATTER_MM = 38.0  # two RMSE across (Table 5.18)
-BEYOND_S = 0.05
+BEYOND_S = 0.05  # of flight after the last detection; not printed
 BEYOND_MM = 300.0  # of flight after the last detection; not printed
 LAST_S = 0.02  # of detections whose mean velocity leads on; not printed
 FACTOR = 2.0  # on the air's velocity; ours, from Table 5.18
@@ -91,8 +91,7 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     """
     time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
     observed = np.minimum(time, fit.last_s)
-    places = check_finite(fit(observed), "straight_on: fit")
-    return places + (time - observed)[:, None] * _last_velocity(fit)
+    return fit(observed) + (time - observed)[:, None] * _last_velocity(fit)
 
 
 def _last_velocity(fit: Fit) -> Array:
@@ -131,22 +130,20 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
 
     count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
     observed = np.linspace(fit.first_s, fit.last_s, count)
-    beyond_s = min(
-        BEYOND_S, BEYOND_MM / max(float(np.linalg.norm(_last_velocity(fit))), 1.0)
-    )
+    speed = float(np.linalg.norm(_last_velocity(fit)))
+    beyond_s = min(BEYOND_S, BEYOND_MM / max(speed, 1.0))
     later = fit.last_s + np.append(np.arange(0.0, beyond_s, STEP_S)[1:], beyond_s)
     time = np.concatenate([observed, later])
     off = outside(time)
-    last = float(off[count - 1])
-    wall_mm = last + in_air.threshold_mm
+    wall_mm = float(off[count - 1]) + in_air.threshold_mm
     beyond = off >= -TOUCH_MM
     if not beyond.any():
-        return FlightEnd(False, float(fit.last_s), wall_mm)
+        return FlightEnd(landed=False, end_s=float(fit.last_s), wall_mm=wall_mm)
     k = int(np.argmax(beyond))
     end = float(time[k])
     if k > 0 and off[k - 1] < 0 < off[k]:
         end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
-    return FlightEnd(True, end, wall_mm)
+    return FlightEnd(landed=True, end_s=end, wall_mm=wall_mm)
 
 
 @dataclass(frozen=True)
@@ -167,9 +164,14 @@ class Plausible:
     bar (sec. 2.1.1), and nothing else drives a particle. The factor allows for the
     scatter of depth. A metre whose ends are both off by 219 mm, the largest RMSE of
     Table 5.18, appears 1 / (1 - 0.438) = 1.8 times as fast.
+
+    Parameters
+    ----------
+    air_m_s
+        Velocity of the air at the lance's outlet in m/s, at 5 bar (sec. 2.1.1).
     """
 
-    air_m_s: float = 16.0  # m/s, at the lance's outlet, 5 bar, sec. 2.1.1
+    air_m_s: float = 16.0
 
     def __post_init__(self) -> None:
         check_number(self.air_m_s, "Plausible: air_m_s", above=0)
@@ -185,14 +187,12 @@ class Plausible:
         The reason is `LEAVES`, `BEHIND` or `TOO_FAST`, the first that holds anywhere
         between t0 and ``end_s``, on the fit's clock.
         """
-        count = min(
-            max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1), 1_000_000
-        )  # of a stray frame
-        time = np.linspace(fit.t0, end_s, count)
+        count = max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1)
+        # A stray frame makes a flight of hours.
+        time = np.linspace(fit.t0, end_s, min(count, 1_000_000))
         places = straight_on(fit, time)
-        speed = (
-            np.linalg.norm(fit.velocity(np.minimum(time, fit.last_s)), axis=1) / 1000
-        )
+        velocity = fit.velocity(np.minimum(time, fit.last_s))
+        speed = np.linalg.norm(velocity, axis=1) / 1000
         outside = distance_to_axis(places, wall) - in_air.threshold_mm
         reasons = {
             LEAVES: (outside > OUTSIDE_MM) | (places[:, 2] < 0),

@@ -24,9 +24,8 @@ def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> 
     particle's grey values with it.
     """
     picture = _empty_kiln(source, frames).astype(np.float64)
-    return mean_gray(
-        picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64)
-    )
+    discs = detections[["row", "col", "radius_px"]].to_numpy(np.float64)
+    return mean_gray(picture, discs)
 
 
 @lru_cache(maxsize=1)  # a study reads one recording's flights several times

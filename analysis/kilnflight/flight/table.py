@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -48,12 +47,17 @@ class Rules:
 
     The test of grey values is made for papers only (section 5.3.2). Without it a flight
     has no ignition and does not burn out.
+
+    Parameters
+    ----------
+    ignition
+        Test of the grey values. None: not tested.
+    plausible
+        Test of the trajectory. None: no flight is rejected.
     """
 
-    ignition: Ignition | None = field(default_factory=Ignition)  # None: not tested
-    plausible: Plausible | None = field(
-        default_factory=Plausible
-    )  # None: none is rejected
+    ignition: Ignition | None = field(default_factory=Ignition)
+    plausible: Plausible | None = field(default_factory=Plausible)
 
 
 class FieldOfView(NamedTuple):
@@ -82,7 +86,7 @@ def flights(
 ) -> pd.DataFrame:
     """Return the flights of fitted tracks, one row each.
 
-    The table is `kilnflight.tables.FLIGHTS`. The dwell time runs from t0 to landing,
+    The dwell time runs from t0 to landing,
     unlit (Fig. 5.18 a) or burning (b), or to burning out in the air (c).
 
     Parameters
@@ -103,6 +107,17 @@ def flights(
     view
         Region and frames: what ends at their border did not burn out.
 
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.FLIGHTS`.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or holds other values, or a fitted particle has no track
+        or no position with depth.
+
     Notes
     -----
     A track that ends in the air burnt out if it burnt. An unlit one that ends within
@@ -113,16 +128,30 @@ def flights(
     where a track is cut (`kilnflight.tracklets.Cutting`). The dwell time of what left
     or was lost is a lower bound. Ignition is searched up to the landing, since the wall
     ignites all that land (section 5.1.1).
+
+    Examples
+    --------
+    A particle falls to the wall, which is 0.8 m from the axis, in 0.4 s.
+
+    >>> fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2),
+    ...           ((0.0, 0.0), (0.0, 5000.0), (-8000.0, 0.0)), 0.05, 0.45, 41)
+    >>> track = pd.DataFrame({"frame": range(5, 46), "particle": 0, "gray": 3000.0})
+    >>> track[["x", "y", "z"]] = fit(track["frame"] / 100)
+    >>> track[["row", "col"]] = track[["y", "x"]] / 3 + 500
+    >>> kiln = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0)
+    >>> found = flights(track, {0: fit}, kiln, InAir(800.0), frame_rate_hz=100.0)
+    >>> found[["dwell_s", "ending", "ignition"]].round(3).to_dict("records")
+    [{'dwell_s': 0.4, 'ending': 'landed', 'ignition': 'none'}]
     """
     rules = rules or Rules()
     view = view or FieldOfView()
     check_number(frame_rate_hz, "flights: frame_rate_hz", above=0)
-    order, particle, _ = order_tracks(tracks, where := "flights: tracks")
+    where = "flights: tracks"
+    order, particle, _ = order_tracks(tracks, where)
     table = FLOWN.check(tracks, where)
     if "background" in tracks:
-        table["background"] = check_finite(
-            tracks["background"], f"{where}: column background"
-        )
+        background = tracks["background"]
+        table["background"] = check_finite(background, f"{where}: column background")
     table = table.iloc[order].assign(particle=particle)
     by_particle = dict(iter(table.groupby("particle")))
     starts = table.groupby("particle").head(1)
@@ -135,15 +164,13 @@ def flights(
             row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
-        if row["ending"] != LANDED:
-            if _cut_off(track, frame_rate_hz, view) or _goes_on(
-                track, starts, frame_rate_hz
-            ):
-                row["ending"] = LOST
-            elif _at_border(track, view):
-                row["ending"] = LOST if row["ending"] == BURNT_OUT else LEFT
+        if not row["ending"]:
+            burning = row["ignition"] == SEEN
+            row["ending"] = _ending_in_air(track, burning, starts, frame_rate_hz, view)
         rows.append({"particle": name} | row)
-    return pd.DataFrame(rows)[FLIGHTS.names] if rows else FLIGHTS.empty()
+    if not rows:
+        return FLIGHTS.empty()
+    return pd.DataFrame(rows)[FLIGHTS.names]
 
 
 def _flight(
@@ -157,36 +184,57 @@ def _flight(
     """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
 
     ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame
-    rate. The ending is decided from this track alone; `flights` corrects it.
+    rate. The ``ending`` is empty if the flight ends in the air.
     """
     from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
     landed, end_s, wall_mm = end_of(fit, wall, in_air)
     time = track["frame"].to_numpy(np.float64) / rate_hz
-    if not landed:  # the last detections may have no depth and so be unknown to the fit
+    ending = LANDED
+    if not landed:
+        # The last detections may have no depth and so be unknown to the fit.
+        ending = ""
         end_s = max(end_s, float(time[-1]))
-    flying = time <= end_s
-    behind = track["background"].to_numpy()[flying] if "background" in track else None
-    gray = track["gray"].to_numpy()[flying]
-    lit = UNTESTED
+    ignition = UNTESTED
     if rules.ignition is not None:
-        lit = rules.ignition(time[flying], gray, behind)
-    burning = lit.outcome == SEEN
+        flying = track[time <= end_s]
+        ignition = rules.ignition(
+            time[time <= end_s], flying["gray"], flying.get("background")
+        )
+    refused = ""
+    if rules.plausible is not None:
+        refused = rules.plausible(fit, end_s, wall, in_air)
     return {
         "t0_s": float(fit.t0),
         "first_s": min(float(fit.first_s), float(time[0])),
         "last_s": max(float(fit.last_s), float(time[-1])),
         "end_s": end_s,
         "dwell_s": end_s - float(fit.t0),
-        "ending": LANDED if landed else BURNT_OUT if burning else LOST,
+        "ending": ending,
         "from_lance": from_lance,
         "start_mm": start_mm,
-        "ignition": lit.outcome,
-        "ignition_s": lit.time_s - float(fit.t0),
-        # 0 where nothing can be said
-        "rise_gray": 0.0 if math.isnan(lit.before) else lit.after - lit.before,
+        "ignition": ignition.outcome,
+        "ignition_s": ignition.time_s - float(fit.t0),
         "wall_mm": wall_mm,
-        "refused": rules.plausible(fit, end_s, wall, in_air) if rules.plausible else "",
+        "refused": refused,
     }
+
+
+def _ending_in_air(
+    track: pd.DataFrame,
+    burning: bool,
+    starts: pd.DataFrame,
+    rate_hz: float,
+    view: FieldOfView,
+) -> str:
+    """Return `BURNT_OUT`, `LEFT` or `LOST`; the notes of `flights` have the rule."""
+    if _cut_off(track, rate_hz, view) or _goes_on(track, starts, rate_hz):
+        return LOST
+    at_border = _at_border(track, view)
+    if burning and not at_border:
+        return BURNT_OUT
+    if at_border and not burning:
+        return LEFT
+    return LOST
 
 
 def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
@@ -198,18 +246,14 @@ def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
 
 
 def _at_border(track: pd.DataFrame, view: FieldOfView) -> bool:
-    """Return whether the last detection is outside the region or within `EDGE_PX` of
-    its border.
-    """
+    """Return whether the last detection is at the region's border, or beyond it."""
     if view.roi is None:
         return False
     last = track.iloc[-1]
     corners = check_finite(view.roi, "flights: view.roi", (None, 2))
     place = (float(last["row"]), float(last["col"]))
-    return (
-        cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
-        < EDGE_PX
-    )
+    inwards = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
+    return inwards < EDGE_PX
 
 
 def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
@@ -226,5 +270,18 @@ def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
 
 
 def kept(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the flights that are not rejected (`Plausible`), from the lance or not."""
+    """Return the flights that are not rejected (`Plausible`), from the lance or not.
+
+    Parameters
+    ----------
+    flights
+        `kilnflight.tables.FLIGHTS`.
+
+    Examples
+    --------
+    >>> from kilnflight.flight import TOO_FAST
+    >>> table = pd.DataFrame({"particle": [0, 1], "refused": ["", TOO_FAST]})
+    >>> kept(table)["particle"].tolist()
+    [0]
+    """
     return flights[flights["refused"] == ""]

@@ -1,4 +1,4 @@
-"""Space-sliced velocities (Eq. 5.8), and the share of particles that reach each slice."""
+"""Space-sliced velocities (Eq. 5.8), and the share of particles in each slice."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import InputError, check_number
 from kilnflight.regression import Fit
 from kilnflight.tables import SLICES
 
@@ -37,10 +37,10 @@ def space_sliced_velocity(
     Returns
     -------
     DataFrame
-        ``slice_m``: far end of the slice; ``start_s``, ``end_s``: t_(n-1), t_n;
-        ``velocity_m_s``; ``reached``; ``observed``: reached after the first detection.
         One row for every slice between lance and camera, and for each slice behind the
-        lance that was reached. The velocity is NaN where ``reached`` is False.
+        lance that was reached. ``slice_m``: far end of the slice; ``start_s``,
+        ``end_s``: t_(n-1), t_n; ``velocity_m_s``, NaN where ``reached`` is False;
+        ``observed``: reached after the first detection.
 
     Raises
     ------
@@ -58,8 +58,18 @@ def space_sliced_velocity(
     say how Eq. 5.8 gives them. Here they belong to slices -1, -2, ... behind the lance,
     V_n = -slice / (t_n - t_(n+1)). Flights that are not rejected
     (`kilnflight.flight.Plausible`) have none. (3) The motion between t_0 and the first
-    detection counts, as published; ``observed`` marks it. (4) The distance is the
+    detection counts, as in the thesis; ``observed`` marks it. (4) The distance is the
     difference of depths, not the path.
+
+    Examples
+    --------
+    >>> fit = Fit((0.0, 0.0, 3000.0), 0.1, 0, (0.0, 0.1), (1, 1, 1),
+    ...           ((0.0,), (0.0,), (-8000.0,)), 0.2, 0.4, 60)
+    >>> space_sliced_velocity(fit)[["slice_m", "velocity_m_s", "observed"]].round(3)
+       slice_m  velocity_m_s  observed
+    0      1.0           8.0      True
+    1      2.0           8.0      True
+    2      3.0           NaN     False
     """
     check_number(slice_m, "space_sliced_velocity: slice_m", least=1e-6)
     end = float(np.minimum(fit.last_s, until_s) - fit.t0)
@@ -72,20 +82,32 @@ def space_sliced_velocity(
         raise InputError(
             f"space_sliced_velocity: slice_m {slice_m} gives {count} slices."
         )
-    parts = []
-    for length in (-slice_m, slice_m):
-        reached = _reached(fit, end, 1000.0 * length)
-        number = np.arange(1, (len(reached) if length < 0 else count) + 1)
-        times = np.full(len(number) + 1, np.nan)
-        times[: len(reached) + 1] = [0.0, *reached][: len(times)]
-        part = pd.DataFrame({"slice_m": number * length})
-        part["start_s"] = fit.t0 + times[:-1]
-        part["end_s"] = fit.t0 + times[1:]
-        part["velocity_m_s"] = length / np.diff(times)
-        part["reached"] = number <= len(reached)
-        part["observed"] = fit.t0 + times[1:] >= fit.first_s
-        parts.append(part)
-    return pd.concat([parts[0][::-1], parts[1]], ignore_index=True)
+    front = _reached(fit, end, 1000.0 * slice_m)[:count]
+    behind = _reached(fit, end, -1000.0 * slice_m)
+    parts = [
+        _sliced(fit, behind, -slice_m, len(behind))[::-1],
+        _sliced(fit, front, slice_m, count),
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _sliced(fit: Fit, ages: list[float], length_m: float, count: int) -> pd.DataFrame:
+    """Return ``count`` slices, of which the first are reached at ``ages`` in s."""
+    number = np.arange(1, count + 1)
+    times = np.full(count + 1, np.nan)
+    times[: len(ages) + 1] = [0.0, *ages]
+    begin = fit.t0 + times[:-1]
+    end = fit.t0 + times[1:]
+    return pd.DataFrame(
+        {
+            "slice_m": number * length_m,
+            "start_s": begin,
+            "end_s": end,
+            "velocity_m_s": length_m / np.diff(times),
+            "reached": number <= len(ages),
+            "observed": end >= fit.first_s,
+        }
+    )
 
 
 def slices(
@@ -103,13 +125,17 @@ def slices(
         By particle: the end of its flight in s, where it is known; else the last
         detection.
     """
+    ends_s = ends_s or {}
     parts = []
     for particle, fit in fits.items():
-        table = space_sliced_velocity(fit, 1.0, (ends_s or {}).get(particle, math.inf))
-        table, behind = table.assign(particle=particle), table["slice_m"] < 0
-        parts += [table[behind][::-1], table[~behind & table["reached"]]]
+        table = space_sliced_velocity(fit, until_s=ends_s.get(particle, math.inf))
+        table = table[table["reached"]].assign(particle=particle)
+        behind = table["slice_m"] < 0
+        parts += [table[behind][::-1], table[~behind]]
     filled = [part[SLICES.names] for part in parts if len(part)]
-    return pd.concat(filled, ignore_index=True) if filled else SLICES.empty()
+    if not filled:
+        return SLICES.empty()
+    return pd.concat(filled, ignore_index=True)
 
 
 def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
@@ -145,10 +171,10 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
     ``step`` is in mm, below 0 for slices behind the lance; ``end`` is the age at the
     end of the flight. Ages count from t0.
     """
-    factors = -check_finite(fit.coefficients[2], "space_sliced_velocity: fit")
+    factors = -np.array(fit.coefficients[2], dtype=np.float64)
 
     def far(at: Array | float) -> Array:
-        """Return the depth travelled, in steps, at ages in s; below 0: the other side."""
+        """Return the depth travelled, in steps, at ages in s; below 0: behind."""
         return np.asarray(np.polyval(np.append(factors[::-1], 0.0), at) / step)
 
     # Between these ages the distance is monotone. The real part of a complex root does
@@ -157,14 +183,11 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
     slope[np.abs(slope) <= 1e-14 * np.abs(slope).max(initial=0.0)] = 0.0
     age = np.append([0.0, end], end * np.roots(slope[::-1]).real)
     age = np.unique(age[(age >= 0.0) & (age <= end)])
-    furthest = np.maximum.accumulate(
-        check_finite(far(age), "space_sliced_velocity: fit")
-    )
+    furthest = np.maximum.accumulate(far(age))
     reached = []
     for level in range(1, min(int(furthest[-1]), MOST) + 1):
-        k = int(
-            np.searchsorted(furthest, level)
-        )  # >= 1: the first age is 0, at the lance
+        # At least 1: the first age is 0, at the lance.
+        k = int(np.searchsorted(furthest, level))
         rise = (age[k - 1], age[k])
         reached.append(brentq(lambda t, level=level: far(t) - level, *rise, xtol=1e-12))
     return reached

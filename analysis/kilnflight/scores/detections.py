@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers
+from kilnflight.association import assign
 from kilnflight.checks import check_finite, check_number, check_shape
 from kilnflight.detection.region import inside
 
@@ -33,7 +32,7 @@ def rates(
     false_positives: npt.ArrayLike,
     false_negatives: npt.ArrayLike,
 ) -> pd.DataFrame:
-    """Return ``precision``, ``recall`` and ``f1`` of counts, one row per entry.
+    """Compute precision, recall and F1 of counts, one row per entry.
 
     ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP +
     FP + FN)`` (Eqs 3.1 to 3.3); a ratio without a denominator is 0.
@@ -43,21 +42,30 @@ def rates(
     true_positives, false_positives, false_negatives
         Counts, scalars or arrays of one shape (n,), not negative.
 
+    Returns
+    -------
+    DataFrame
+        Columns ``precision``, ``recall`` and ``f1``, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If shapes differ or a count is not finite.
+
     Examples
     --------
     >>> rates(3256, 76, 1131).round(4).loc[0].tolist()
     [0.9772, 0.7422, 0.8436]
     """
-    tp = np.atleast_1d(check_finite(true_positives, "rates: counts"))
-    check_shape(tp, (None,), "rates: counts")
-    fp, fn = (
-        np.atleast_1d(check_finite(counts, "rates: counts", np.shape(true_positives)))
-        for counts in (false_positives, false_negatives)
-    )
+    where = "rates: counts"
+    tp = np.atleast_1d(check_finite(true_positives, where))
+    check_shape(tp, (None,), where)
+    shape = np.shape(true_positives)
+    fp = np.atleast_1d(check_finite(false_positives, where, shape))
+    fn = np.atleast_1d(check_finite(false_negatives, where, shape))
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
-    return pd.DataFrame(
-        {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
-    )
+    table = {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
+    return pd.DataFrame(table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +107,11 @@ def score_detections(
     roi
         (k, 2) corners row, col in px; only points inside take part.
 
+    Returns
+    -------
+    FrameScore
+        Counts, rates, and the rows that belong together.
+
     Raises
     ------
     InputError
@@ -118,10 +131,11 @@ def score_detections(
     [[0, 1], [1, 0]]
     """
     check_number(gate, "score_detections: gate", above=0)
-    given = {"truth": truth, "detected": detected}
-    places = [check_finite(values, name, (None, 2)) for name, values in given.items()]
-    true, found = (_within(roi, points) for points in places)
-    near = pair(places[0][true], places[1][found], gate)
+    particles = check_finite(truth, "truth", (None, 2))
+    places = check_finite(detected, "detected", (None, 2))
+    true = _within(roi, particles)
+    found = _within(roi, places)
+    near = pair(particles[true], places[found], gate)
     return _score(true, found, np.stack([true[near[:, 0]], found[near[:, 1]]], axis=1))
 
 
@@ -204,10 +218,18 @@ def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
     """
     missed = np.setdiff1d(true, pairs[:, 0])
     spurious = np.setdiff1d(found, pairs[:, 1])
-    counts = len(pairs), len(spurious), len(missed)
-    precision, recall, f1 = rates(*counts).iloc[0].tolist()
-    ordered = pairs[np.argsort(pairs[:, 0])]
-    return FrameScore(*counts, precision, recall, f1, ordered, missed, spurious)
+    shares = rates(len(pairs), len(spurious), len(missed)).iloc[0]
+    return FrameScore(
+        tp=len(pairs),
+        fp=len(spurious),
+        fn=len(missed),
+        precision=float(shares["precision"]),
+        recall=float(shares["recall"]),
+        f1=float(shares["f1"]),
+        pairs=pairs[np.argsort(pairs[:, 0])],
+        missed=missed,
+        spurious=spurious,
+    )
 
 
 def pair(first: Array, second: Array, gate: float) -> Index:
@@ -222,18 +244,11 @@ def pair(first: Array, second: Array, gate: float) -> Index:
     near = KDTree(first).sparse_distance_matrix(
         KDTree(second), gate, output_type="ndarray"
     )
-    rows = np.arange(len(first))
-    shape = (len(first), len(second) + len(first))
-    # A dummy for each row makes an assignment of all rows possible. It costs more than
-    # all distances together, so that no pair is given up. The 1 in every cost separates
-    # a distance of 0 from an empty entry.
-    missed = np.full(len(first), 2.0 + gate * min(len(first), len(second)))
-    cost = np.concatenate([near["v"] + 1.0, missed])
-    index = np.append(near["i"], rows), np.append(near["j"], len(second) + rows)
-    row, col = min_weight_full_bipartite_matching(
-        coo_array((cost, index), shape=shape).tocsr()
-    )
-    return np.stack([row, col], axis=1)[col < len(second)].astype(np.intp)
+    near.sort(order=["i", "j"])
+    # No pair is given up: a miss costs more than all distances together.
+    missed = np.full(len(first), 1.0 + gate * min(len(first), len(second)))
+    taken = near[assign(near["i"], near["j"], near["v"], missed)]
+    return np.stack([taken["i"], taken["j"]], axis=1)
 
 
 def count_in_air(
@@ -260,11 +275,12 @@ def count_in_air(
     dict
         Counts by "tp", "fp", "fn"; the input of `rates`.
     """
-    flying = [np.asarray(side, dtype=bool) for side in (truth_in_air, detected_in_air)]
-    true, classified = (
-        mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True)
-    )
-    tp = np.count_nonzero(true & classified)
-    fp = np.count_nonzero(classified) + np.count_nonzero(flying[1][score.spurious]) - tp
-    fn = np.count_nonzero(true) + np.count_nonzero(flying[0][score.missed]) - tp
+    flies = np.asarray(truth_in_air, dtype=bool)
+    classified = np.asarray(detected_in_air, dtype=bool)
+    particle, detection = score.pairs.T
+    tp = np.count_nonzero(flies[particle] & classified[detection])
+    positives = np.append(detection, score.spurious)
+    particles = np.append(particle, score.missed)
+    fp = np.count_nonzero(classified[positives]) - tp
+    fn = np.count_nonzero(flies[particles]) - tp
     return {"tp": int(tp), "fp": int(fp), "fn": int(fn)}

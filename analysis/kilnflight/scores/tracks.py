@@ -7,9 +7,8 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -92,12 +91,17 @@ def score_tracks(
         Distance from which on two positions do not match (Eq. 5.1), in units of
         ``columns``. A distance of exactly the gate is no match.
     columns
-        The coordinates, any number of them.
+        Names of the coordinates, any number of them.
     bridged
         Whether a gap of a track is bridged by a straight line, as the challenge does.
         If not, the track has no position there: a frame of neither track costs nothing,
         one of a single track the gate (section 5.2.2 of the thesis, whose truth is NaN
         where nothing is seen).
+
+    Returns
+    -------
+    TrackScore
+        Measures, counts and a table of the pairs.
 
     Raises
     ------
@@ -122,79 +126,84 @@ def score_tracks(
 
     Examples
     --------
-    >>> true = pd.DataFrame({"frame": range(4), "particle": 0, "row": 0.0, "col": range(4)})
+    >>> true = pd.DataFrame({"frame": range(4), "col": range(4)})
+    >>> true = true.assign(particle=0, row=0.0)
     >>> score = score_tracks(true, true.assign(row=2.5)[:3], gate=5.0)
     >>> score.alpha, score.beta, score.jsc, score.jsc_theta
     (0.375, 0.375, 0.75, 1.0)
     """
     check_number(gate, "score_tracks: gate", above=0)
-    axes = (
-        []
-        if isinstance(columns, str) or not isinstance(columns, Iterable)
-        else [*columns]
-    )
-    if not axes or len(set(axes)) < len(axes):
+    names = [columns] if isinstance(columns, str) else list(columns)
+    if not names or isinstance(columns, str) or len(set(names)) < len(names):
         raise InputError(
             f"score_tracks: columns {columns!r}; pass a list of names, each once."
         )
-    true = _read_tracks(truth, axes, "score_tracks: truth", bridged)
-    other = _read_tracks(candidate, axes, "score_tracks: candidate", bridged)
+    true = _read_tracks(truth, names, "score_tracks: truth", bridged)
+    other = _read_tracks(candidate, names, "score_tracks: candidate", bridged)
     if not true:
         raise InputError("score_tracks: truth holds no track, so alpha is 0 / 0.")
-    gain, matched, false = _compare(true, other, gate)
-    worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy
-    row, col = linear_sum_assignment(worth, maximize=True)
-    better = worth[row, col] > 0
-    row = row[better]
-    col = col[better]
-    units, spurious = _by_track(true, other, (row, col), (gain, matched, false))
+    compared = _compare(true, other, gate)
+    row, col = _assigned(compared.gain)
+    units = _true_tracks(true, row, col, compared)
+    alone = np.setdiff1d(np.arange(len(other)), col)
+    sizes = [(other[k].length, len(other[k].frames)) for k in alone]
+    spurious = pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
     length = int(units["length"].sum())
-    total = float(gain[row, col].sum())
-    tp = units["tp"].sum()
-    pairs = {
-        "truth": np.array([track.particle for track in true], dtype=np.int64)[row],
-        "candidate": np.array([track.particle for track in other], dtype=np.int64)[col],
-        "distance": gate
-        * np.maximum(units["length"].to_numpy()[row] - gain[row, col], 0.0),
-    }
+    tp = int(units["tp"].sum())
+    gain = float(compared.gain[row, col].sum())
     return TrackScore(
-        alpha=total / length,
-        beta=total / (length + int(spurious["length"].sum())),
-        tp=int(tp),
-        fn=length - int(tp),
+        alpha=gain / length,
+        beta=gain / (length + int(spurious["length"].sum())),
+        tp=tp,
+        fn=length - tp,
         fp=int(units["fp"].sum() + spurious["positions"].sum()),
         tp_tracks=len(row),
         fn_tracks=len(true) - len(row),
         fp_tracks=len(spurious),
-        pairs=pd.DataFrame(pairs).sort_values("truth", ignore_index=True),
+        pairs=_paired(true, other, row, col, gate * (units["length"] - units["gain"])),
         true_tracks=units,
         false_tracks=spurious,
     )
 
 
-def _by_track(
+def _paired(
     true: Sequence[Track],
     other: Sequence[Track],
-    pairs: tuple[Index, Index],
-    compared: tuple[Array, Whole, Whole],
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the tables ``true_tracks`` and ``false_tracks`` of `TrackScore`.
+    row: Index,
+    col: Index,
+    distance: pd.Series,
+) -> pd.DataFrame:
+    """Return the table ``pairs`` of `TrackScore`; ``distance`` is by true track."""
+    particles = np.array([track.particle for track in true], dtype=np.int64)
+    candidates = np.array([track.particle for track in other], dtype=np.int64)
+    pairs = {
+        "truth": particles[row],
+        "candidate": candidates[col],
+        "distance": np.maximum(distance.to_numpy()[row], 0.0),
+    }
+    return pd.DataFrame(pairs).sort_values("truth", ignore_index=True)
 
-    ``pairs`` are the indices (k,) in ``true`` and in ``other`` of each pair.
-    ``compared`` are the three arrays (n true, m other) of `_compare`.
-    """
-    gain, matched, false = (values[pairs] for values in compared)
-    units = pd.DataFrame(
-        {"length": [t.length for t in true], "gain": 0.0, "tp": 0, "fp": 0}
-    )
-    units["paired"] = False
-    units.loc[pairs[0], "gain"] = gain
-    units.loc[pairs[0], "tp"] = matched
-    units.loc[pairs[0], "fp"] = false
-    units.loc[pairs[0], "paired"] = True
-    alone = [other[k] for k in np.setdiff1d(np.arange(len(other)), pairs[1])]
-    sizes = [(track.length, len(track.frames)) for track in alone]
-    return units, pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
+
+def _assigned(gain: Array) -> tuple[Index, Index]:
+    """Return the rows and columns (k,) of the pairs of largest total gain (n, m)."""
+    worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy
+    row, col = linear_sum_assignment(worth, maximize=True)
+    better = worth[row, col] > 0
+    return row[better], col[better]
+
+
+def _true_tracks(
+    true: Sequence[Track], row: Index, col: Index, compared: Compared
+) -> pd.DataFrame:
+    """Return the table ``true_tracks`` of `TrackScore` for pairs (k,) of tracks."""
+    partners = {
+        "gain": compared.gain[row, col],
+        "tp": compared.matched[row, col],
+        "fp": compared.false[row, col],
+    }
+    table = pd.DataFrame(partners, index=row).reindex(range(len(true)), fill_value=0)
+    table.insert(0, "length", [track.length for track in true])
+    return table.assign(paired=table.index.isin(row))
 
 
 class Track(NamedTuple):
@@ -208,11 +217,14 @@ class Track(NamedTuple):
     @property
     def length(self) -> int:
         """Return the number of frames in which it has a position."""
-        return (
-            int(self.frames[-1] - self.frames[0]) + 1
-            if self.bridged
-            else len(self.frames)
-        )
+        if not self.bridged:
+            return len(self.frames)
+        return int(self.frames[-1] - self.frames[0]) + 1
+
+    def distance(self, frames: Whole, points: Array) -> Array:
+        """Return the distance of points (k, d) in frames (k,); gaps are straight."""
+        line = [np.interp(frames, self.frames, axis) for axis in self.points.T]
+        return np.linalg.norm(points - np.column_stack(line), axis=1)
 
 
 def _read_tracks(
@@ -227,62 +239,71 @@ def _read_tracks(
     table = with_pixels(table) if {"row", "col"} <= set(columns) else plain(table)
     check_columns(table, columns, where)
     order, particle, frame = order_tracks(table, where)
-    axes = [
-        check_finite(table[name].to_numpy()[order], f"{where}, {name}")
-        for name in columns
-    ]
+    table = table.iloc[order]
+    axes = [check_finite(table[name], f"{where}, {name}") for name in columns]
     points = np.column_stack(axes) + 0.0  # no -0.0
     names, starts = np.unique(particle, return_index=True)
     frames = np.split(frame, starts[1:])
     places = np.split(points, starts[1:])
-    tracks = map(Track, names.tolist(), frames, places, repeat(bridged))
+    tracks = [
+        Track(particle=name, frames=frames[k], points=places[k], bridged=bridged)
+        for k, name in enumerate(names.tolist())
+    ]
     return sorted(
         tracks, key=lambda track: (track.frames.tobytes(), track.points.tobytes())
     )
 
 
-def _compare(
-    true: Sequence[Track], other: Sequence[Track], gate: float
-) -> tuple[Array, Whole, Whole]:
-    """Return gains, matches and false positions of all pairs, (n true, m other) each.
+class Compared(NamedTuple):
+    """Comparison of every true track with every candidate, (n true, m other) each."""
 
-    A gain, in gates, is the cost of the dummy minus that of a pair (Eqs 5.1 and 5.2).
+    gain: Array  # in gates: cost of the dummy minus that of the pair (Eqs 5.1 and 5.2)
+    matched: Whole  # frames in which positions match
+    false: Whole  # positions of the candidate that are false
+
+
+def _by_frame(tracks: Sequence[Track]) -> tuple[Whole, Array, Index]:
+    """Return frames (k,), points (k, d) and tracks (k,) of all positions, by frame."""
+    frames = np.concatenate([track.frames for track in tracks])
+    points = np.concatenate([track.points for track in tracks])
+    names = np.repeat(np.arange(len(tracks)), [len(track.frames) for track in tracks])
+    order = np.argsort(frames, kind="stable")
+    return frames[order], points[order], names[order]
+
+
+def _compare(true: Sequence[Track], other: Sequence[Track], gate: float) -> Compared:
+    """Return gains, matches and false positions of all pairs.
+
     The dummy, an empty track, costs the gate per true frame. A match gains gate -
     distance. A frame of the candidate beyond the ends of the true track costs one gate;
     other frames cost as much as the dummy's. If gaps are not bridged, each of its
-    positions where the true track has none costs one. Matches and false positions are
-    numbers of frames. Pairs without a match have a gain of 0.
+    positions where the true track has none costs one. Pairs without a match have a gain
+    of 0.
     """
-    shape = len(true), len(other)
-    saved = np.zeros(shape)
+    m = len(other)
+    shape = (len(true), m)
+    gain = np.zeros(shape)
     matched = np.zeros(shape, np.int64)
     false = np.zeros(shape, np.int64)
     if not other:
-        return saved, matched, false
-    frames = np.concatenate([track.frames for track in other])
-    order = np.argsort(frames, kind="stable")
-    frames = frames[order]
-    points = np.concatenate([track.points for track in other])[order]
-    sizes = np.array([len(track.frames) for track in other])
-    number = np.repeat(np.arange(shape[1]), sizes)[order]
-    first, last = (np.array([track.frames[end] for track in other]) for end in (0, -1))
-    for k, (_, at, places, bridged) in enumerate(true):
-        rows = slice(*np.searchsorted(frames, [at[0], at[-1] + 1]))
-        line = [
-            np.interp(frames[rows], at, axis) for axis in places.T
-        ]  # gaps are straight
-        distance = np.linalg.norm(points[rows] - np.column_stack(line), axis=1)
-        seen = bridged | np.isin(frames[rows], at)
-        tracks = number[rows]
+        return Compared(gain, matched, false)
+    frames, points, candidate = _by_frame(other)
+    sizes = np.bincount(candidate)
+    first = np.array([track.frames[0] for track in other])
+    last = np.array([track.frames[-1] for track in other])
+    for k, track in enumerate(true):
+        begin, end = track.frames[[0, -1]]
+        rows = slice(*np.searchsorted(frames, [begin, end + 1]))
+        seen = track.bridged | np.isin(frames[rows], track.frames)
+        distance = track.distance(frames[rows], points[rows])
         near = (distance < gate) & seen
-        matched[k] = np.bincount(tracks[near], minlength=shape[1])
-        within = np.bincount(tracks[seen], minlength=shape[1])
+        tracks = candidate[rows]
+        matched[k] = np.bincount(tracks[near], minlength=m)
+        within = np.bincount(tracks[seen], minlength=m)
         beyond = sizes - within
-        if bridged:
-            beyond = np.maximum(at[0] - first, 0) + np.maximum(last - at[-1], 0)
+        if track.bridged:
+            beyond = np.maximum(begin - first, 0) + np.maximum(last - end, 0)
         false[k] = within - matched[k] + beyond
-        gain = np.bincount(
-            tracks[near], 1.0 - distance[near] / gate, minlength=shape[1]
-        )
-        saved[k] = gain - np.where(matched[k] > 0, beyond, 0)
-    return saved, matched, false
+        gain[k] = np.bincount(tracks[near], 1.0 - distance[near] / gate, m)
+        gain[k] -= np.where(matched[k] > 0, beyond, 0)
+    return Compared(gain, matched, false)

@@ -35,7 +35,7 @@ from scipy.special import gammainc
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import Pairs
-from kilnflight.checks import InputError, check_finite, check_number, check_shape
+from kilnflight.checks import InputError, check_finite, check_number
 
 NO_ROWS: Integers = np.zeros(0, np.intp)
 FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones faster
@@ -65,10 +65,8 @@ class Motion:
     noise: float
 
     def __post_init__(self) -> None:
-        check_shape(
-            check_finite(self.velocity, "motion: velocity"), (None,), "motion: velocity"
-        )
-        check_number(len(self.velocity), "motion: dimensions of velocity", least=1)
+        velocity = check_finite(self.velocity, "motion: velocity", (None,))
+        check_number(len(velocity), "motion: dimensions of velocity", least=1)
         names = ("measurement_sd", "velocity_sd", "acceleration_sd")
         for name, spread in zip(names, self.spreads, strict=False):
             check_number(spread, f"motion: {name}", above=0, most=1e30)
@@ -82,20 +80,20 @@ class Motion:
 
     def process_noise(self, frames: float) -> Array:
         """Return the covariance Q (k, k) of the white noise over a number of frames."""
-        from filterpy.common import (
-            Q_continuous_white_noise,
-        )  # it imports matplotlib and more
+        # Imported late: it imports matplotlib and more.
+        from filterpy.common import Q_continuous_white_noise
 
-        order = len(self.spreads)
-        axes = len(self.velocity)
-        density = self.noise**2
         noise = Q_continuous_white_noise(
-            order, float(frames), density, axes, order_by_dim=False
+            dim=len(self.spreads),
+            dt=float(frames),
+            spectral_density=self.noise**2,
+            block_size=len(self.velocity),
+            order_by_dim=False,
         )
         return np.asarray(noise, dtype=np.float64)
 
     def measurement_noise(self) -> Array:
-        """Return the covariance R (d, d) of a measurement in px^2, equal for all axes."""
+        """Return the covariance R (d, d) of a measurement in px^2, one for all axes."""
         return self.spreads[0] ** 2 * np.eye(len(self.velocity))
 
     def initial(self) -> tuple[Array, Array]:
@@ -109,29 +107,72 @@ class Motion:
 
 def ConstantVelocity(  # noqa: N802  named as the model
     velocity: tuple[float, ...] = (0.0, 0.0),
-    velocity_sd: float = 15.0,  # px/frame: 30 px/frame, the fastest, are two of it
-    acceleration_noise: float = 1.0,  # px/frame^1.5: 1 px/frame in a frame
-    measurement_sd: float = 2.0,  # px: centroid of a tumbling sheet, 1 to 3
+    velocity_sd: float = 15.0,
+    acceleration_noise: float = 1.0,
+    measurement_sd: float = 2.0,
 ) -> Motion:
     """Return uniform motion with white noise of the acceleration (Eqs 4.1 to 4.5).
 
     Eq. 4.5 prints no Q. The thesis takes the motion between two frames as uniform
     (section 2.3.1).
+
+    Parameters
+    ----------
+    velocity
+        (d,) px/frame, of a new track.
+    velocity_sd
+        Standard deviation of a new track's velocity in px/frame; not printed. 30
+        px/frame, the fastest, are two of the default.
+    acceleration_noise
+        Root of the density of the white noise in px/frame^1.5; not printed. The default
+        changes the velocity by 1 px/frame in a frame.
+    measurement_sd
+        Standard deviation of a measurement in px; not printed. The centroid of a
+        tumbling sheet jumps by 1 to 3 px.
+
+    Returns
+    -------
+    Motion
+        Model whose state has 2 d numbers: positions, then velocities.
+
+    Examples
+    --------
+    After two frames a particle at 5 px that moves by 3 px/frame is at 11 px.
+
+    >>> motion = ConstantVelocity(velocity=(3.0,))
+    >>> (motion.transition(2) @ [5.0, 3.0]).tolist()
+    [11.0, 3.0]
     """
     return Motion(velocity, (measurement_sd, velocity_sd), acceleration_noise)
 
 
 def ConstantAcceleration(  # noqa: N802  named as the model
     velocity: tuple[float, ...] = (0.0, 0.0),
-    velocity_sd: float = 15.0,  # px/frame, as for constant velocity
-    acceleration_sd: float = 1.0,  # px/frame^2: a fraction is usual in the kiln
-    jerk_noise: float = 0.3,  # px/frame^2.5: 0.3 px/frame^2 in a frame
-    measurement_sd: float = 2.0,  # px, as for constant velocity
+    velocity_sd: float = 15.0,
+    acceleration_sd: float = 1.0,
+    jerk_noise: float = 0.3,
+    measurement_sd: float = 2.0,
 ) -> Motion:
     """Return uniform acceleration with white noise of the jerk.
 
     This is the motion model of the belt papers of 2016 and 2020. A new track has
-    acceleration 0 with standard deviation ``acceleration_sd``.
+    acceleration 0.
+
+    Parameters
+    ----------
+    velocity, velocity_sd, measurement_sd
+        As for `ConstantVelocity`.
+    acceleration_sd
+        Standard deviation of a new track's acceleration in px/frame^2; a fraction of
+        the default is usual in the kiln.
+    jerk_noise
+        Root of the density of the white noise in px/frame^2.5. The default changes the
+        acceleration by 0.3 px/frame^2 in a frame.
+
+    Returns
+    -------
+    Motion
+        Model whose state has 3 d numbers: positions, velocities, accelerations.
     """
     return Motion(velocity, (measurement_sd, velocity_sd, acceleration_sd), jerk_noise)
 
@@ -150,8 +191,7 @@ def predict(
     here.
     """
     n, k = state.shape
-    # Products of all rows at once: one for each track takes twice as long. P is
-    # symmetric.
+    # One product of all rows takes half the time of one per track. P is symmetric.
     half = (covariance.reshape(n * k, k) @ transition.T).reshape(n, k, k).mT
     spread = (half.reshape(n * k, k) @ transition.T).reshape(n, k, k) + process_noise
     return state @ transition.T, 0.5 * (spread + spread.mT)
@@ -179,20 +219,19 @@ def update(
     scatter of the innovations about their mean, "missed" counting as an innovation of
     zero. This is the printed term, as a sum of squares.
     """
-    (n, d), track = pairs.expected.shape, pairs.track
+    n, d = pairs.expected.shape
+    track = pairs.track
     root = pairs.root @ covariance[:, :d]  # W' (n, d, k); H selects positions
-    mean = np.array(
-        [np.bincount(track, weights * each, n) for each in pairs.innovation.T]
-    ).T
+    sums = [np.bincount(track, weights * axis, n) for axis in pairs.innovation.T]
+    mean = np.array(sums).T
     given = np.bincount(track, weights, n)[:, None, None]  # 1 - the weight of "missed"
     moved = state + np.einsum("ndk,nd->nk", root, mean)  # Eqs 2.46 and 2.52
     spread = covariance - (given * root.mT) @ root  # Eq. 2.54 with 2.55
     if weights.dtype != np.bool_:
         scatter = (1.0 - given) * mean[:, :, None] * mean[:, None]
         apart = pairs.innovation - mean[track]
-        np.add.at(
-            scatter, track, weights[:, None, None] * apart[:, :, None] * apart[:, None]
-        )
+        squares = weights[:, None, None] * apart[:, :, None] * apart[:, None]
+        np.add.at(scatter, track, squares)
         spread += root.mT @ scatter @ root  # Eq. 2.56
     return moved, np.asarray(0.5 * (spread + spread.mT))
 
@@ -229,17 +268,31 @@ class Gate:
     ``depth_mm`` is the only step in depth that is printed, z_eps of Table 5.16. It
     holds for a gap of any length, since the error of the depth outweighs the motion. A
     pair without depth on either side is judged in the image alone.
+
+    Parameters
+    ----------
+    distance
+        d_ij,eps, Mahalanobis distance in standard deviations; not printed.
+    depth_mm
+        d_z,eps, difference in depth in mm; not printed, z_eps of Table 5.16. It may be
+        infinite.
+
+    Examples
+    --------
+    The scatter is 5 px, so the gate ends at 20 px.
+
+    >>> seen = Detected(np.array([[0.0, 19.0], [0.0, 21.0]]))
+    >>> pairs = Gate()(np.zeros((1, 2)), 25 * np.eye(2)[None], seen)
+    >>> pairs.detection.tolist(), pairs.distance_squared.round(2).tolist()
+    ([0], [14.44])
     """
 
-    distance: float = 4.0  # d_ij,eps, in standard deviations; not printed
-    depth_mm: float = (
-        1500.0  # d_z,eps; not printed, z_eps of Table 5.16; may be infinite
-    )
+    distance: float = 4.0
+    depth_mm: float = 1500.0
 
     def __post_init__(self) -> None:
-        check_number(
-            self.distance, "Gate: distance", least=0, most=1e6
-        )  # areas stay finite
+        # Areas stay finite.
+        check_number(self.distance, "Gate: distance", least=0, most=1e6)
         if self.depth_mm != math.inf:
             check_number(self.depth_mm, "Gate: depth_mm", least=0)
 
@@ -281,34 +334,36 @@ class Gate:
         d = expected.shape[1]
         limit = self.distance**2
         # No axis of an ellipse is longer than the root of the trace of S.
-        i, j = _near(
-            expected, detected.positions, limit * np.einsum("naa->n", residual)
-        )
-        innovation = np.einsum(
-            "pab,pb->pa", root[i], detected.positions[j] - expected[i]
-        )
+        reach = limit * np.einsum("naa->n", residual)
+        i, j = _near(expected, detected.positions, reach)
+        apart = detected.positions[j] - expected[i]
+        innovation = np.einsum("pab,pb->pa", root[i], apart)
         squares = np.einsum("pa,pa->p", innovation, innovation)
         inside = squares < limit
         if depth_mm is not None and detected.depth_mm is not None:
-            inside &= ~(
-                np.abs(depth_mm[i] - detected.depth_mm[j]) >= self.depth_mm
-            )  # NaN passes
+            step = np.abs(depth_mm[i] - detected.depth_mm[j])
+            inside &= ~(step >= self.depth_mm)  # NaN passes
         some = np.flatnonzero(inside)
         i = i[some]
         j = j[some]
-        squares = squares[some]
-        innovation = innovation[some]
         sizes = np.zeros(len(i))
         if points is not None and detected.points is not None:
             sizes = np.abs(points[i] - detected.points[j])
             sizes[np.isnan(sizes)] = 0.0
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
-        areas = ball * self.distance**d * np.exp(logs / 2)
-        probability = float(gammainc(d / 2, limit / 2))
-        m = len(detected.positions)
-        places = (expected, residual, root)
         return Pairs(
-            i, j, squares, sizes, innovation, logs, areas, probability, *places, m
+            track=i,
+            detection=j,
+            distance_squared=squares[some],
+            size_difference=sizes,
+            innovation=innovation[some],
+            log_determinant=logs,
+            gate_area=ball * self.distance**d * np.exp(logs / 2),
+            gate_probability=float(gammainc(d / 2, limit / 2)),
+            expected=expected,
+            residual=residual,
+            root=root,
+            detections=len(detected.positions),
         )
 
 
@@ -335,9 +390,7 @@ def _root(matrices: Array) -> tuple[Array, Array]:
 
 
 def _near(expected: Array, positions: Array, reach: Array) -> tuple[Index, Index]:
-    """Return the pairs of n tracks and m detections within a squared distance ``reach``
-    (n,).
-    """
+    """Return the pairs of tracks and detections within squared distances (n,)."""
     n = len(expected)
     if n * len(positions) <= FEW:
         axes = zip(expected.T, positions.T, strict=True)

@@ -31,9 +31,10 @@ from kilnflight.tracking.filter import (
     update,
 )
 
-# Structured, one entry per track, the older first: the columns of `layout`.
+# Structured, one entry per track, the older first: the columns of `_newborn`.
 Tracks = npt.NDArray[np.void]
-ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `layout`
+ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `_newborn`
+Shares = tuple[Integers, Integers, Any]  # (q,) each, see `_shares`
 
 
 class Step(NamedTuple):
@@ -68,13 +69,30 @@ class Management:
     printed it is tested from the first frame on: one miss in the second frame makes
     0.5, another 1/3. Frames without detections count. ``used``: a detection with a
     tenth of a track's weight is part of the recorded position.
+
+    Parameters
+    ----------
+    visibility
+        v_eps, smallest share of the frames of a track's life; not printed.
+    invisible
+        CIC_eps, largest number of missed frames in a row; not printed.
+    used
+        Weight in a track from which a detection starts none; not printed.
+
+    Examples
+    --------
+    A particle is hidden in frames 1 and 2.
+
+    >>> seen = pd.DataFrame({"frame": [0, 3, 4], "row": [0.0, 9.0, 12.0], "col": 0.0})
+    >>> track(seen, management=Management())["particle"].tolist()
+    [0, 1, 1]
+    >>> track(seen, management=Management(visibility=0.2))["particle"].tolist()
+    [0, 0, 0]
     """
 
-    visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
-    invisible: int = 5  # CIC_eps, frames in a row; not printed
-    used: float = (
-        0.1  # weight in a track from which a detection starts none; not printed
-    )
+    visibility: float = 0.4
+    invisible: int = 5
+    used: float = 0.1
 
     def __post_init__(self) -> None:
         check_number(self.visibility, "Management: visibility", least=0, most=1)
@@ -149,56 +167,72 @@ def track(
 
     Within a frame, detections are sorted by row, col, z, points, so neither tracks nor
     ids depend on the order of the table.
+
+    Examples
+    --------
+    Two particles, 50 px apart, move to the right by 4 px/frame.
+
+    >>> seen = pd.DataFrame({"frame": [0, 0, 1, 1, 2, 2], "row": [10.0, 60.0] * 3})
+    >>> track(seen.assign(col=4.0 * seen["frame"]))["particle"].tolist()
+    [0, 1, 0, 1, 0, 1]
     """
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    shared = list[tuple[Integers, Integers, Any]]()
-    hidden = None if progress else True
-    each = steps(detections, associator, motion, gate, management)
-    for step in tqdm(
-        each, "tracking", detections["frame"].nunique(), unit="frame", disable=hidden
-    ):
-        rows = step.detected.rows
-        particle[rows] = step.particle
+    shared = list[Shares]()
+    bar = tqdm(
+        steps(detections, associator, motion, gate, management),
+        "tracking",
+        detections["frame"].nunique(),
+        unit="frame",
+        disable=None if progress else True,
+    )
+    for step in bar:
+        particle[step.detected.rows] = step.particle
         if step.weights.dtype != np.bool_:
-            at = np.full(len(step.pairs.expected), -1)
-            taken = np.flatnonzero(step.owner >= 0)
-            at[step.owner[taken]] = rows[taken]
-            at = at[step.pairs.track]
-            used = (at >= 0) & (step.weights > 0)
-            shared.append(
-                (at[used], rows[step.pairs.detection[used]], step.weights[used])
-            )
-    return _averaged(detections, shared).assign(particle=particle)
+            shared.append(_shares(step))
+    if shared:
+        detections = _averaged(detections, shared)
+    return detections.assign(particle=particle)
 
 
-def _averaged(
-    detections: pd.DataFrame, shared: Sequence[tuple[Integers, Integers, Array]]
-) -> pd.DataFrame:
+def _shares(step: Step) -> Shares:
+    """Return which rows of the table the recorded tracks of a frame consist of.
+
+    Returns
+    -------
+    recorded, used, weights
+        For each detection that a track uses: the row that gets the track's mean, the
+        row of the detection, and its weight above 0, (q,) each.
+    """
+    rows = step.detected.rows
+    at = np.full(len(step.pairs.expected), -1)
+    taken = np.flatnonzero(step.owner >= 0)
+    at[step.owner[taken]] = rows[taken]
+    recorded = at[step.pairs.track]
+    used = (recorded >= 0) & (step.weights > 0)
+    return recorded[used], rows[step.pairs.detection[used]], step.weights[used]
+
+
+def _averaged(detections: pd.DataFrame, shared: Sequence[Shares]) -> pd.DataFrame:
     """Return the table with weighted mean positions where a track used several rows.
 
-    ``shared`` has, per frame and weight above 0, the row (q,) that gets a mean, the row
-    of the detection (q,) and the weight (q,). Means are of row, col, x, y, z; an
-    unknown value has no weight.
+    Means are of row, col, x, y, z; an unknown value has no weight.
     """
-    if not shared:
-        return detections
     at, rows, weights = map(np.concatenate, zip(*shared, strict=True))
-    table = detections.copy()
     count = len(detections)
     several = np.flatnonzero(np.bincount(at, minlength=count) > 1)
-    for name in ("row", "col", "x", "y", "z") if len(several) else ():
-        if name in table.columns:
-            places = table[name].to_numpy(np.float64, copy=True)
-            known = ~np.isnan(places[rows])
-            sums = np.where(np.isnan(places), 0.0, places)
-            sums = np.bincount(at, weights * sums[rows], count)[several]
-            with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
-                places[several] = (
-                    sums / np.bincount(at, weights * known, count)[several]
-                )
-            table[name] = places
+    if not len(several):
+        return detections
+    table = detections.copy()
+    for name in table.columns.intersection(["row", "col", "x", "y", "z"]):
+        places = table[name].to_numpy(np.float64, copy=True)
+        known = ~np.isnan(places[rows])
+        values = np.where(known, places[rows], 0.0)
+        sums = np.bincount(at, weights * values, count)[several]
+        with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
+            places[several] = sums / np.bincount(at, weights * known, count)[several]
+        table[name] = places
     return table
 
 
@@ -236,60 +270,67 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     new tracks and ties then do not depend on the order of the table.
     """
     table = with_pixels(table)
-    optional = [name for name in ("particle", "z", "points") if name in table.columns]
     rows = np.arange(len(table))
-    if "particle" in optional:
+    if "particle" in table.columns:
         rows = rows[(table["particle"] != -1).to_numpy(dtype=bool, na_value=True)]
         table = table.iloc[rows]
-    table = table if "z" in optional else table.assign(z=np.nan)
+    if "z" not in table.columns:
+        table = table.assign(z=np.nan)
     frames, row, col, z = TO_TRACK.check(table, once=True).to_numpy(np.float64).T
     points = np.full(len(table), np.nan)
-    if "points" in optional:
-        points = check_finite(
-            table["points"], "detections to track: column points", gaps=True
-        )
+    if "points" in table.columns:
+        where = f"{TO_TRACK.name}: column points"
+        points = check_finite(table["points"], where, gaps=True)
         points = np.where(points > 0, points, np.nan)
-    more = [None if np.isnan(values).all() else values for values in (z, points)]
-    keys = [*(values for values in more[::-1] if values is not None), col, row]
-    order = np.argsort(frames, kind="stable")
+    order = np.lexsort((points, z, col, row, frames))
     places = np.stack([row, col], axis=1)
-    numbers, starts = np.unique(frames[order].astype(np.int64), return_index=True)
-    spans = np.diff(numbers, prepend=numbers[:1]).astype(float)
-    ends = [*starts[1:], len(order)]
-    for number, span, start, end in zip(
-        numbers.tolist(), spans, starts, ends, strict=False
-    ):
-        part = order[start:end]
-        part = part[np.lexsort([key[part] for key in keys])]
-        depth, size = (None if values is None else values[part] for values in more)
-        yield Detected(places[part], depth, size, number, float(span), rows[part])
+    depth = _unless_unknown(z)
+    sizes = _unless_unknown(points)
+    numbers, starts = np.unique(frames[order], return_index=True)
+    spans = np.diff(numbers, prepend=numbers[:1])
+    parts = np.split(order, starts[1:])
+    for number, span, part in zip(numbers, spans, parts, strict=False):
+        yield Detected(
+            positions=places[part],
+            depth_mm=None if depth is None else depth[part],
+            points=None if sizes is None else sizes[part],
+            frame=int(number),
+            span=float(span),
+            rows=rows[part],
+        )
 
 
-def _layout(
-    motion: Motion, extra_columns: Sequence[tuple[str, type]]
-) -> np.dtype[np.void]:
-    """Return the dtype of `Tracks`: one field per column.
+def _unless_unknown(values: Array) -> Array | None:
+    """Return the values, or None if all are NaN, which saves time in the gate."""
+    return None if np.isnan(values).all() else values
+
+
+def _newborn(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> Tracks:
+    """Return a track at the origin, (1,), with one field per column.
 
     The state has k numbers: positions, velocities and so on of ``motion``.
     """
-    k = len(motion.initial()[0])
-    return np.dtype(
-        [
-            ("particle", np.int64),  # ids in order of birth
-            ("state", np.float64, (k,)),
-            ("covariance", np.float64, (k, k)),
-            ("depth_mm", np.float64),  # last known; NaN: never known
-            ("points", np.float64),  # last known number of 3D points; NaN: never known
-            ("born", np.int64),  # frame
-            ("last", np.int64),  # frame of the last recorded detection
-            ("visible", np.int64),  # number of recorded detections, V in Eq. 4.14
-            (
-                "row",
-                np.int64,
-            ),  # of the table: what was recorded in this frame; -1: missed
-            *extra_columns,
-        ]
-    )
+    state, covariance = motion.initial()
+    k = len(state)
+    columns = [
+        ("particle", np.int64),  # ids in order of birth
+        ("state", np.float64, (k,)),
+        ("covariance", np.float64, (k, k)),
+        ("depth_mm", np.float64),  # last known; NaN: never known
+        ("points", np.float64),  # last known number of 3D points; NaN: never known
+        ("born", np.int64),  # frame
+        ("last", np.int64),  # frame of the last recorded detection
+        ("visible", np.int64),  # number of recorded detections, V in Eq. 4.14
+        # Row of the table that was recorded in this frame; -1: missed.
+        ("row", np.int64),
+        *extra_columns,
+    ]
+    track = np.zeros(1, np.dtype(columns))
+    track["state"] = state
+    track["covariance"] = covariance
+    track["depth_mm"] = np.nan
+    track["points"] = np.nan
+    return track
 
 
 def follow(
@@ -321,21 +362,18 @@ def follow(
         Weight in a recorded track from which a detection starts no new one.
     """
     noise = motion.measurement_noise()
-    born = np.zeros(1, _layout(motion, extra_columns))
-    born["state"], born["covariance"] = motion.initial()
-    born["depth_mm"] = born["points"] = np.nan
-    # ``room`` has the n tracks, one for each detection to start, and ``born``.
-    room = born
+    d = len(noise)
+    # The n tracks, and newborn ones behind them: numpy copies them fast, but joins
+    # structured arrays slowly.
+    room = _newborn(motion, extra_columns)
     n = 0
     started = 0
     span = -1.0
-    d = len(noise)
     for detected in frames:
         kept = np.flatnonzero(keeps(room[:n], detected.frame))
-        m = len(detected.positions)
-        room = room.take(np.concatenate([kept, np.full(m + 1, -1)]))
-        n = len(kept)
-        tracks = room[:n]
+        newborn = np.full(len(detected.positions) + 1, -1)
+        room = room.take(np.append(kept, newborn))
+        tracks = room[: len(kept)]
         if detected.span != span:
             span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
@@ -345,42 +383,57 @@ def follow(
             state[:, :d], residual, detected, tracks["depth_mm"], tracks["points"]
         )
         weights, extra, extra_of_new = associate(tracks, detected, pairs)
-        tracks["state"], tracks["covariance"] = update(
-            state, covariance, pairs, weights
-        )
+        state, covariance = update(state, covariance, pairs, weights)
+        tracks["state"] = state
+        tracks["covariance"] = covariance
         tracks["row"] = -1
         for name, values in extra.items():
             tracks[name] = values
         owner = record(pairs, weights)
-        share = np.zeros(m)
-        if weights.dtype != np.bool_:  # else a detection with a weight is recorded
-            used_by = np.isin(pairs.track, owner)
-            np.maximum.at(share, pairs.detection[used_by], weights[used_by])
-        alone = np.flatnonzero((owner < 0) & (share < used))
-        new = room[n : n + len(alone)]
-        at = owner.copy()  # ``at``: the track of each detection
-        at[alone] = n + np.arange(len(alone))
-        new["particle"] = started + np.arange(len(alone))
-        new["born"] = detected.frame
-        new["state"][:, :d] = detected.positions[alone]
-        for name, values in extra_of_new.items():
-            new[name] = values[alone]
-        tracks = room[: n + len(alone)]
-        n = n + len(alone)
-        started = started + len(alone)
-        recorded = np.flatnonzero(at >= 0)
-        particle = np.full(m, -1)
-        particle[recorded] = tracks["particle"][at[recorded]]
-        _record(tracks, at[recorded], detected, recorded)
+        alone = _unused(pairs, weights, owner, used)
+        n = len(kept) + len(alone)
+        track_of = owner.copy()
+        track_of[alone] = np.arange(len(kept), n)
+        _begin(room[len(kept) : n], started, detected, alone, extra_of_new)
+        started += len(alone)
+        tracks = room[:n]
+        particle = _record(tracks, track_of, detected)
         yield Step(detected, pairs, weights, particle, owner, tracks)
 
 
-def _record(tracks: Tracks, at: Index, detected: Detected, recorded: Index) -> None:
-    """Write k recorded detections into the tracks ``at`` (k,), in place.
+def _unused(pairs: Pairs, weights: Array | Flags, owner: Index, used: float) -> Index:
+    """Return the detections (k,) that each start a track, as no track has used them.
 
-    ``recorded`` (k,) are the indices of the detections. A track keeps its depth (mm)
-    and number of 3D points where a detection has none.
+    A track uses a detection with a weight of at least ``used``, if it is recorded, as
+    ``owner`` (m,) says.
     """
+    share = np.zeros(len(owner))
+    if weights.dtype != np.bool_:  # else a detection with a weight is recorded
+        by_owner = np.isin(pairs.track, owner)
+        np.maximum.at(share, pairs.detection[by_owner], weights[by_owner])
+    return np.flatnonzero((owner < 0) & (share < used))
+
+
+def _begin(
+    new: Tracks, first: int, detected: Detected, alone: Index, extra: ExtraColumns
+) -> None:
+    """Start tracks, numbered from ``first`` on, at the detections ``alone`` (k,)."""
+    new["particle"] = np.arange(first, first + len(alone))
+    new["born"] = detected.frame
+    new["state"][:, : detected.positions.shape[1]] = detected.positions[alone]
+    for name, values in extra.items():
+        new[name] = values[alone]
+
+
+def _record(tracks: Tracks, track_of: Index, detected: Detected) -> Integers:
+    """Write recorded detections into their tracks and return their particles (m,).
+
+    ``track_of`` (m,) is the index of each detection's track; -1: none, which is
+    particle -1. A track keeps its depth and number of 3D points where a detection has
+    none.
+    """
+    recorded = np.flatnonzero(track_of >= 0)
+    at = track_of[recorded]
     tracks["visible"][at] += 1
     tracks["last"][at] = detected.frame
     tracks["row"][at] = detected.rows[recorded]
@@ -388,6 +441,9 @@ def _record(tracks: Tracks, at: Index, detected: Detected, recorded: Index) -> N
         if values is not None:
             known = ~np.isnan(values[recorded])
             tracks[name][at[known]] = values[recorded[known]]
+    particle = np.full(len(track_of), -1)
+    particle[recorded] = tracks["particle"][at]
+    return particle
 
 
 def record(pairs: Pairs, weights: Array | Flags) -> Index:
@@ -406,16 +462,21 @@ def record(pairs: Pairs, weights: Array | Flags) -> Index:
     track = pairs.track[order]
     detection = pairs.detection[order]
     weight = weights[order]
-    first, heaviest = np.zeros((2, len(order)), np.bool_)
-    first[np.unique(detection, return_index=True)[1]] = True
-    heaviest[np.unique(track, return_index=True)[1]] = True
-    given = np.bincount(pairs.track, weights, n)
+    given = np.bincount(pairs.track, weights, n)[track]
+    real = np.bincount(detection, weight, len(owner))[detection]
+    chosen = weight > 1.0 - given
+    chosen |= _first(detection) & (real > 0.5)
+    chosen |= _first(track) & (given > 0.5)
     free = np.ones(n, np.bool_)
-    likely = first & (np.bincount(detection, weight, len(owner))[detection] > 0.5)
-    there = heaviest & (given[track] > 0.5)
-    chosen = likely | there | (weight > 1.0 - given[track])
     for i, j in zip(track[chosen].tolist(), detection[chosen].tolist(), strict=True):
         if free[i] and owner[j] < 0:
             owner[j] = i
             free[i] = False
     return owner
+
+
+def _first(values: Index) -> Flags:
+    """Return which values (n,) are the first of their kind."""
+    first = np.zeros(len(values), np.bool_)
+    first[np.unique(values, return_index=True)[1]] = True
+    return first

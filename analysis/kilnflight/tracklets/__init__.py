@@ -1,19 +1,17 @@
-r"""Post-processing: from tracklets to trajectories.
+"""Post-processing: from tracklets to trajectories.
 
 Section 4.2 of the thesis, with the values of Table 5.16.
 
     tracks -> Elimination -> OutlierRemoval -> Connection -> Fusion -> the same columns
 
-================  =================  ============================================  ==========
-step              equation           default
-source
-================  =================  ============================================  ==========
-`Elimination`     Eqs 4.15 to 4.17   2 frames, 1 px/frame, correlation 0.9         sec.
-4.2.1 `OutlierRemoval`  Eqs 4.18 to 4.20   30 degrees and 18 px/frame
-sec. 4.2.2 `Connection`      Eqs 4.21 to 4.25   gap 15, overlap 5 frames, 1500 mm/frame
-sec. 4.2.3 `Fusion`          sec. 4.2.4         mean distance 10 px
-sec. 4.2.4
-================  =================  ============================================  ==========
+================  ================  ==========================================
+step              equation          default (Table 5.16)
+================  ================  ==========================================
+`Elimination`     Eqs 4.15 to 4.17  2 frames, 1 px/frame, correlation 0.9
+`OutlierRemoval`  Eqs 4.18 to 4.20  30 degrees and 18 px/frame
+`Connection`      Eqs 4.21 to 4.25  gap 15, overlap 5 frames, 1500 mm/frame
+`Fusion`          sec. 4.2.4        mean distance 10 px
+================  ================  ==========================================
 
 A track is called a tracklet before these steps and a trajectory after them (section
 4.2). A path is a tracklet in arrays. A track table has whole numbers ``frame`` and
@@ -56,10 +54,26 @@ def postprocess(
     steps
         In the order of chapter 4.2.
 
+    Returns
+    -------
+    DataFrame
+        The same rows and columns with new particles; in frames that two tracklets
+        share, the places are means.
+
     Raises
     ------
     InputError
         If the table is not a track table.
+
+    Examples
+    --------
+    A particle is missed in three frames, so its track has two parts.
+
+    >>> tracks = pd.DataFrame({"frame": [*range(9), *range(12, 20)], "col": 7.0})
+    >>> tracks["row"] = 5.0 * tracks["frame"]
+    >>> tracks["particle"] = (tracks["frame"] > 9).astype(int)
+    >>> postprocess(tracks)["particle"].unique().tolist()
+    [0]
     """
     paths = read_paths(tracks, "postprocess: tracks")
     for step in steps:
@@ -67,5 +81,7 @@ def postprocess(
     return write_paths(tracks, paths)
 
 
-__all__ = ["STEPS", "Connection", "Cutting", "Elimination", "Fusion", "OutlierRemoval"]
-__all__ += ["postprocess", "tracked"]
+__all__ = [
+    "STEPS", "Connection", "Cutting", "Elimination", "Fusion", "OutlierRemoval",
+    "postprocess", "tracked",
+]  # fmt: skip

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Whole
-from kilnflight.tracklets.paths import Paths, PathStep, means, speeds
+from kilnflight.tracklets.paths import Paths, PathStep, means, step_speeds
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,40 @@ class Elimination(PathStep):
     their polynomial, and the coefficient is pooled over both centred coordinates. So
     each weighs by its variance, and one that is constant has weight 0. Three positions
     always give 1. Source: Eqs 4.15 to 4.17, thesis.
+
+    Parameters
+    ----------
+    duration
+        D_eps, assigned frames, Table 5.16.
+    speed
+        V_eps, px/frame, Table 5.16.
+    regularity
+        R_eps, correlation with quadratic polynomials, Table 5.16.
+
+    Examples
+    --------
+    The first tracklet moves by 5 px/frame, the second by 0.5.
+
+    >>> import pandas as pd
+    >>> tracks = pd.DataFrame({"frame": [0, 1, 2, 3] * 2, "col": 0.0})
+    >>> tracks["particle"] = [0] * 4 + [1] * 4
+    >>> tracks["row"] = 5.0 * tracks["frame"]
+    >>> tracks.loc[4:, "row"] /= 10
+    >>> Elimination()(tracks)["particle"].tolist()
+    [0, 0, 0, 0, -1, -1, -1, -1]
     """
 
-    duration: float = 2.0  # assigned frames, D_eps, Table 5.16
-    speed: float = 1.0  # px/frame, V_eps, Table 5.16
-    regularity: float = 0.9  # R_eps, Table 5.16
+    duration: float = 2.0
+    speed: float = 1.0
+    regularity: float = 0.9
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets that meet Eq. 4.15; ``differences`` are not used."""
         names = paths.names()
+        points = (names, paths.frame, paths.place)
         kept = np.diff(paths.starts) > self.duration
-        kept &= mean_speed(names, paths.frame, paths.place) > self.speed
-        kept &= regularity(names, paths.frame, paths.place) > self.regularity
+        kept &= mean_speed(*points) > self.speed
+        kept &= regularity(*points) > self.regularity
         return paths.grouped(np.where(kept[names], names, -1))
 
 
@@ -49,7 +71,8 @@ def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
     ``place`` (n, 2 or more) its row and col in px. Points must be sorted by path and
     frame.
     """
-    return means(*speeds(names, frame, place), int(names.max(initial=-1)) + 1)
+    path, speed = step_speeds(names, frame, place)
+    return means(path, speed, int(names.max(initial=-1)) + 1)
 
 
 def regularity(names: Index, frame: Whole, place: Array) -> Array:
@@ -75,20 +98,16 @@ def regularity(names: Index, frame: Whole, place: Array) -> Array:
     time = frame - frame[first][names]
     straight = centred(time / np.maximum(time[first + count - 1][names], 1))
     square = straight * straight
-    bent = centred(square) - straight * sums(square * straight) / np.where(
-        long, sums(square), 1.0
-    )
+    slope = sums(square * straight) / np.where(long, sums(square), 1.0)
+    bent = centred(square) - straight * slope
     total = np.zeros(len(names))
     left = np.zeros(len(names))
-    for axis in range(2):
-        rest = centred(
-            place[:, axis] - place[first, axis][names]
-        )  # exactly 0 without motion
+    for axis in place[:, :2].T:
+        rest = centred(axis - axis[first][names])  # exactly 0 without motion
         total += rest**2
         for base in (straight, bent):
-            rest = rest - base * sums(rest * base) / np.where(
-                long, sums(base * base), 1.0
-            )
+            factor = sums(rest * base) / np.where(long, sums(base * base), 1.0)
+            rest = rest - base * factor
         left += rest**2
     whole = np.bincount(names, total)
     unexplained = np.bincount(names, left) / np.where(whole > 0, whole, 1.0)

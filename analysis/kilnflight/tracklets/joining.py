@@ -20,7 +20,7 @@ from kilnflight.tracklets.paths import (
     PathStep,
     means,
     ranges,
-    speeds,
+    step_speeds,
     turns,
     velocities,
 )
@@ -74,25 +74,40 @@ def hungarian(pairs: Candidates) -> Index:
     earlier = pairs.earlier[order]
     later = pairs.later[order]
     cost = pairs.cost[order]
+    most = min(len(np.unique(earlier)), len(np.unique(later)))
     # A tracklet without partner costs more than all pairs together, so no pair is given
     # up.
-    alone = 1.0 + cost.max(initial=0.0) * min(
-        len(np.unique(earlier)), len(np.unique(later))
-    )
-    taken = assign(earlier, later, cost, np.full(earlier.max(initial=-1) + 1, alone))
-    return np.sort(order[taken])
+    alone = 1.0 + cost.max(initial=0.0) * most
+    missed = np.full(earlier.max(initial=-1) + 1, alone)
+    return np.sort(order[assign(earlier, later, cost, missed)])
 
 
 @dataclass(frozen=True)
 class Costs:
-    """Weights of the six terms of the cost of a pair (Eq. 4.24)."""
+    """Weights of the six terms of the cost of a pair (Eq. 4.24).
 
-    angle: float = 2.0  # 1/degree, a, Table 5.16
-    change: float = 2.0  # frame/px, b, Table 5.16
-    depth: float = 0.1  # frame/mm, c, Table 5.16
-    gap: float = 1.0  # 1/frame, d, Table 5.16
-    overlap: float = 2.0  # 1/frame, e, Table 5.16
-    feature: float = 1e11  # grey values, f, Table 5.16
+    Parameters
+    ----------
+    angle
+        a, 1/degree, Table 5.16.
+    change
+        b, frame/px, Table 5.16.
+    depth
+        c, frame/mm, Table 5.16.
+    gap
+        d, 1/frame, Table 5.16.
+    overlap
+        e, 1/frame, Table 5.16.
+    feature
+        f, grey values, Table 5.16.
+    """
+
+    angle: float = 2.0
+    change: float = 2.0
+    depth: float = 0.1
+    gap: float = 1.0
+    overlap: float = 2.0
+    feature: float = 1e11
 
 
 @dataclass(frozen=True)
@@ -103,28 +118,42 @@ class Joining(PathStep):
     frame keeps one row with the mean row, col, x, y and z. It is the row of the earlier
     tracklet, or of the later where only that has a depth. The other row gets particle
     -1 and keeps its own place.
+
+    Parameters
+    ----------
+    gap
+        Largest number of frames from the end of the one to the start of the other; 0:
+        both must overlap.
+    overlap
+        Number of common frames from which on a pair is not joined.
+    distance
+        Largest mean distance in the common frames in px; if finite, there must be some.
+    depth
+        z_eps, change of depth in mm/frame from which on a pair is not joined, Table
+        5.16.
+    jump
+        px/frame by which a step may exceed the usual ones of both tracklets.
+    half_width
+        w, half width of the window of the texture in px, Table 5.16.
+    average
+        Whether F of Eq. 4.24 is divided by pixels; see `texture_energy`.
+    costs
+        Weights of the terms of Eq. 4.24.
+    matching
+        Function that returns the indices of the pairs to join.
     """
 
-    gap: float = (
-        0.0  # frames from the end of the one to the start of the other; 0: overlap
-    )
-    overlap: float = np.inf  # common frames of a pair that overlaps in time
-    distance: float = (
-        np.inf
-    )  # px, mean in the common frames, which must exist if it is finite
-    depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    jump: float = (
-        np.inf
-    )  # px/frame by which a step may exceed the usual ones of both tracklets
-    half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
-    average: bool = False  # whether F is divided by pixels; see `texture_energy`
+    gap: float = 0.0
+    overlap: float = np.inf
+    distance: float = np.inf
+    depth: float = 1500.0
+    jump: float = np.inf
+    half_width: float = 15.0
+    average: bool = False
     costs: Costs = field(default_factory=Costs)
-    matching: Callable[[Candidates], Index] = (
-        dual_nearest  # indices of the pairs to join
-    )
-    nested: ClassVar[bool] = (
-        False  # whether the later tracklet may end before the earlier one
-    )
+    matching: Callable[[Candidates], Index] = dual_nearest
+    # Whether the later tracklet may end before the earlier one.
+    nested: ClassVar[bool] = False
 
     def apply(self, paths: Paths, differences: Any = None) -> Paths:
         """Return the tracklets, joined until no pair is within the limits.
@@ -140,15 +169,19 @@ class Joining(PathStep):
             new = self.candidates(paths, changed)
             if differences is not None:
                 new = self._with_feature(paths, new, differences)
-            stays = _take(known, ~(changed[known.earlier] | changed[known.later]))
+            old = _take(known, ~(changed[known.earlier] | changed[known.later]))
             known = Candidates(
-                *(np.append(a, b) for a, b in zip(stays, new, strict=True))
+                earlier=np.append(old.earlier, new.earlier),
+                later=np.append(old.later, new.later),
+                cost=np.append(old.cost, new.cost),
             )
             chosen = _once(_take(known, self.matching(known)))
             if not len(chosen.earlier):
                 return paths.grouped(paths.names())
             paths = _merge(paths, chosen)
-            changed = np.isin(np.arange(len(changed)), chosen[:2])
+            changed[:] = False
+            changed[chosen.earlier] = True
+            changed[chosen.later] = True
 
     def candidates(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the p pairs within the limits that hold a changed tracklet.
@@ -156,35 +189,34 @@ class Joining(PathStep):
         ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is
         Eq. 4.24 without its last term, that of the streak.
         """
-        i, k, gap = pairs = self._in_time(paths, changed)
-        overlap = overlap_in_time(paths, i, k)
-        limit, most = paths.speeds(np.unique(pairs[:2]))[:, pairs[:2]].max(axis=1)
+        pairs = self._in_time(paths, changed)
+        overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
+        both = np.stack([pairs.earlier, pairs.later])
+        median, largest = paths.usual_speeds(np.unique(both))
+        limit = median[both].max(axis=0) + self.jump
         # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
-        step = (
-            paths.place[paths.starts[k], :2] - paths.place[paths.starts[i + 1] - 1, :2]
-        )
-        slow = np.hypot(*step.T) <= _MORE * (limit + self.jump) * np.maximum(gap, 1)
-        possible = np.where(gap > 0, slow, merged)
-        (i, k, gap), overlap = _take(pairs, possible), _take(overlap, possible)
-        limit = limit[possible] + self.jump
-        most = most[possible]
-        turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
-        cost = (
-            turned
-            + self.costs.overlap * overlap.common
-            + self.costs.gap * np.maximum(gap, 0)
-        )
-        both = np.flatnonzero(allowed & (gap <= 0))  # steps within an overlap, too
-        pair, speed = _joined_speeds(paths, i[both], k[both])
-        allowed[both[pair[speed > np.maximum(limit, most)[both[pair]]]]] = False
-        return _take(Candidates(i, k, cost), allowed)
+        frames = np.maximum(pairs.cost, 1)
+        slow = _step_over_gap(paths, pairs) <= _MORE * limit * frames
+        possible = np.where(pairs.cost > 0, slow, merged)
+        pairs = _take(pairs, possible)
+        overlap = _take(overlap, possible)
+        limit = limit[possible]
+        parts = connected_parts(paths, pairs.earlier, pairs.later, overlap)
+        turned, allowed = self._judge(*parts, limit)
+        gap = np.maximum(pairs.cost, 0)
+        cost = turned + self.costs.overlap * overlap.common + self.costs.gap * gap
+        most = np.maximum(limit, largest[both].max(axis=0)[possible])
+        joined = np.flatnonzero(allowed & (pairs.cost <= 0))
+        # Steps within an overlap, too, must not be faster.
+        pair, speed = _joined_speeds(paths, pairs.earlier[joined], pairs.later[joined])
+        allowed[joined[pair[speed > most[joined[pair]]]]] = False
+        return _take(pairs._replace(cost=cost), allowed)
 
     def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the pairs near enough in time that hold a changed tracklet (m,).
 
-        Left out are overlapping ones that Eq. 4.21 forbids at a glance. Their cost (p,)
-        is here the gap in frames; 0 or less means that they overlap.
+        Their cost (p,) is here the gap in frames; 0 or less means that they overlap.
         """
         there = np.flatnonzero(np.diff(paths.starts))
         first = paths.frame[paths.starts[there]]
@@ -195,35 +227,40 @@ class Joining(PathStep):
         swapped = (first[one] == first[other]) & (last[other] < last[one])
         i = np.where(swapped, other, one)
         k = np.where(swapped, one, other)
-        taken = (changed[there[i]] | changed[there[k]]) & (
-            self.nested | (last[k] > last[i])
-        )
+        taken = changed[there[i]] | changed[there[k]]
+        if not self.nested:
+            taken &= last[k] > last[i]
         i = i[taken]
         k = k[taken]
+        gap = first[k] - last[i]
         # Overlapping ones share at least the overlap less the frames that both miss,
-        # and are at least as far apart as their boxes.
+        # and are at least as far apart as their boxes: Eq. 4.21 forbids some at once.
         missing = last - first + 1 - np.diff(paths.starts)[there]
         common = np.minimum(last[i], last[k]) - first[k] + 1 - missing[i] - missing[k]
         low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])
         high = np.maximum.reduceat(paths.place[:, :2], paths.starts[there])
         apart = np.maximum(low[i] - high[k], low[k] - high[i]).max(axis=1)
-        near = (apart <= self.distance * _MORE) & (common < self.overlap) | (
-            first[k] > last[i]
-        )
-        return _take(
-            Candidates(there[i], there[k], (first[k] - last[i]).astype(float)), near
-        )
+        merged = (apart <= self.distance * _MORE) & (common < self.overlap)
+        pairs = Candidates(earlier=there[i], later=there[k], cost=gap.astype(float))
+        return _take(pairs, merged | (gap > 0))
 
     def _judge(
         self, names: Index, frame: Whole, place: Array, limit: Array
     ) -> tuple[Array, Flags]:
-        """Return the first three terms of Eq. 4.24 and which pairs are allowed, (p,)
-        each.
+        """Return three terms of Eq. 4.24 and which pairs are allowed, (p,) each.
 
-        ``names`` (q,) is the pair of each point of the connected parts, ``frame`` (q,)
-        its frame, ``place`` (q, 3) its row, col (px) and z (mm). ``limit`` (p,) is the
-        largest speed in px/frame. Allowed are connected parts without outliers (Eq.
-        4.18), not false (Eq. 4.15) and without a jump in depth (Eq. 4.22).
+        The terms are those of angle, change and depth. Allowed are connected parts
+        without outliers (Eq. 4.18), not false (Eq. 4.15) and without a jump in depth
+        (Eq. 4.22).
+
+        Parameters
+        ----------
+        names
+            (q,) pair of each point of the connected parts.
+        frame, place
+            (q,) its frame and (q, 3) its row, col (px) and z (mm).
+        limit
+            (p,) largest speed in px/frame.
         """
         steps = velocities(frame, place)
         count = len(limit)
@@ -233,19 +270,18 @@ class Joining(PathStep):
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > _OUTLIERS.angle_deg) & (change > _OUTLIERS.change)
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
-        path, speed = speeds(names, frame, place)
+        path, speed = step_speeds(names, frame, place)
         allowed &= np.bincount(path, speed > limit[path], minlength=count) == 0
         allowed &= means(path, speed, count) > _FALSE.speed
         allowed &= regularity(names, frame, place) > _FALSE.regularity
-        deep = ~np.isnan(place[:, 2])
-        within = np.diff(names[deep]) == 0
-        deeper = names[deep][1:][within]
-        rate = (np.abs(np.diff(place[deep, 2])) / np.maximum(np.diff(frame[deep]), 1))[
-            within
-        ]
-        cost = means(part, turned, count) + self.costs.depth * means(
-            deeper, rate, count
-        )
+        deep = np.flatnonzero(~np.isnan(place[:, 2]))
+        deep_names = names[deep]
+        within = np.diff(deep_names) == 0
+        frames = np.maximum(np.diff(frame[deep]), 1)
+        rate = (np.abs(np.diff(place[deep, 2])) / frames)[within]
+        deeper = deep_names[1:][within]
+        cost = means(part, turned, count)
+        cost += self.costs.depth * means(deeper, rate, count)
         # Eq. 4.22: no change of depth at the limit or above
         too_deep = np.bincount(deeper, ~(rate < self.depth), minlength=count)
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
@@ -269,9 +305,8 @@ class Joining(PathStep):
             energy[n] = level_edge(
                 start, end, period, differences, self.half_width, self.average
             )
-        return pairs._replace(
-            cost=pairs.cost + self.costs.feature / np.maximum(energy, 1.0)
-        )
+        streak = self.costs.feature / np.maximum(energy, 1.0)
+        return pairs._replace(cost=pairs.cost + streak)
 
 
 @dataclass(frozen=True)
@@ -297,11 +332,33 @@ class Connection(Joining):
     than ``jump``, the change of velocity that Eq. 4.18 allows. Nor may a step of the
     joined tracklet, unless one of the two has such a step itself. Source: Eqs 4.21 to
     4.25 and Fig. 4.14, thesis.
+
+    Parameters
+    ----------
+    gap
+        t_eps connect, frames, Table 5.16.
+    overlap
+        kn_eps merge, common frames, Table 5.16.
+    jump
+        Delta V_eps, px/frame, Table 5.16; see (7).
+    distance, depth, half_width, average, costs, matching
+        As for `Joining`.
+
+    Examples
+    --------
+    See `kilnflight.tracklets.postprocess`; here the gap is too long.
+
+    >>> import pandas as pd
+    >>> tracks = pd.DataFrame({"frame": [*range(9), *range(12, 20)], "col": 7.0})
+    >>> tracks["row"] = 5.0 * tracks["frame"]
+    >>> tracks["particle"] = (tracks["frame"] > 9).astype(int)
+    >>> Connection(gap=3.0)(tracks)["particle"].nunique()
+    2
     """
 
-    gap: float = 15.0  # frames, t_eps connect, Table 5.16
-    overlap: float = 5.0  # common frames, kn_eps merge, Table 5.16
-    jump: float = 18.0  # px/frame, Delta V_eps, Table 5.16 (see Notes)
+    gap: float = 15.0
+    overlap: float = 5.0
+    jump: float = 18.0
 
 
 @dataclass(frozen=True)
@@ -322,10 +379,29 @@ class Fusion(Joining):
     other value. (2) A trajectory within another may be fused: duplicates are often
     shorter. (3) Points, rows and depths are treated as in `Connection`. Source: section
     4.2.4, thesis.
+
+    Parameters
+    ----------
+    distance
+        epsilon, px, Table 5.16; see (1).
+    costs
+        Weights of the terms of Eq. 4.24; section 4.2.4 omits those for gap and overlap.
+    gap, overlap, depth, jump, half_width, average, matching
+        As for `Joining`.
+
+    Examples
+    --------
+    Two tracklets of 20 frames each are 3 px apart.
+
+    >>> import pandas as pd
+    >>> tracks = pd.DataFrame({"frame": [*range(20)] * 2})
+    >>> tracks["particle"] = [0] * 20 + [1] * 20
+    >>> tracks = tracks.assign(row=5.0 * tracks["frame"], col=3.0 * tracks["particle"])
+    >>> Fusion()(tracks)["particle"].unique().tolist()
+    [0, -1]
     """
 
-    distance: float = 10.0  # px, epsilon, Table 5.16 (see Notes)
-    # Section 4.2.4 omits the terms for gap and overlap.
+    distance: float = 10.0
     costs: Costs = field(default_factory=lambda: Costs(gap=0.0, overlap=0.0))
     nested: ClassVar[bool] = True
 
@@ -341,8 +417,7 @@ class Overlap(NamedTuple):
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
-    """Return the common frames of p pairs of tracklets, and where to cut both to
-    connect them.
+    """Return the common frames of p pairs, and where to cut both to connect them.
 
     ``i`` (p,) are the tracklets that start earlier, ``k`` (p,) the later ones, as
     indices in ``paths``. ``until`` and ``since`` are indices of its points. Without a
@@ -357,21 +432,21 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     before = np.searchsorted(key, i * width + first)
     after = np.searchsorted(key, k * width + last, side="right")
     pair, point = ranges(before, paths.starts[i + 1])
-    same = (
-        k[pair] * width + paths.frame[point] - low
-    )  # the key of this frame in the later one
+    # The key of each point's frame in the later tracklet.
+    same = k[pair] * width + paths.frame[point] - low
     match = np.minimum(np.searchsorted(key, same), len(key) - 1)
     both = key[match] == same
     pair = pair[both]
     point = point[both]
     match = match[both]
     common = np.bincount(pair, minlength=len(i))
-    apart = np.hypot(*(paths.place[point, :2] - paths.place[match, :2]).T)
+    rows, cols = (paths.place[point, :2] - paths.place[match, :2]).T
+    apart = np.hypot(rows, cols)
     distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
     ends = np.cumsum(common)[common > 0]
     before[common > 0] = point[ends - common[common > 0]] + 1
     after[common > 0] = match[ends - 1]
-    return Overlap(common, distance, before, after)
+    return Overlap(common=common, distance=distance, until=before, since=after)
 
 
 def connected_parts(
@@ -431,25 +506,34 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
     """
     number = np.arange(len(paths.starts) - 1)
     later = np.isin(number, chosen.later)
-    number[np.maximum(*chosen[:2])] = np.minimum(*chosen[:2])
+    higher = np.maximum(chosen.earlier, chosen.later)
+    number[higher] = np.minimum(chosen.earlier, chosen.later)
     of = paths.names()
     points = np.arange(len(paths.rows))
     names, rows, frame, place = _united(paths, number[of], points, later[of])
-    return Paths(rows, frame, place, np.searchsorted(names, np.arange(len(number) + 1)))
+    starts = np.searchsorted(names, np.arange(len(number) + 1))
+    return Paths(rows=rows, frame=frame, place=place, starts=starts)
+
+
+def _step_over_gap(paths: Paths, pairs: Candidates) -> Array:
+    """Return the step (p,) in px from the end of one to the start of the other."""
+    start = paths.place[paths.starts[pairs.later], :2]
+    end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
+    rows, cols = (start - end).T
+    return np.hypot(rows, cols)
 
 
 def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
-    """Return the pair (q,) and the speed (q,) in px/frame of each step of p pairs, if
-    joined.
+    """Return the pair (q,) and the speed (q,) in px/frame of each step, if joined.
 
     ``i`` and ``k`` (p,) are the earlier and the later tracklets. A limit on the steps
     within the overlap keeps tracklets far apart from being joined, which Eq. 4.18 alone
     does not (section 4.2.3).
     """
-    begin, end = (np.append(paths.starts[i + n], paths.starts[k + n]) for n in range(2))
-    owner, points = ranges(begin, end)
+    both = np.append(i, k)
+    owner, points = ranges(paths.starts[both], paths.starts[both + 1])
     names, _, frame, place = _united(paths, owner % len(i), points, owner >= len(i))
-    return speeds(names, frame, place)
+    return step_speeds(names, frame, place)
 
 
 def _united(

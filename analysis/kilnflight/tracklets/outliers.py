@@ -49,10 +49,27 @@ class OutlierRemoval(PathStep):
     excluded: a wrong last point would cost all before it. (5) The order of the text,
     first point first, also removes the correct first point of 5 or more where the
     second is wrong. Source: section 4.2.2, Eqs 4.17 to 4.20, thesis.
+
+    Parameters
+    ----------
+    angle_deg
+        theta_eps, change of direction in degrees, Table 5.16.
+    change
+        Delta V_eps, change of velocity in px/frame, Table 5.16.
+
+    Examples
+    --------
+    One detection is 60 px off.
+
+    >>> frame = np.arange(7)
+    >>> tracks = pd.DataFrame({"frame": frame, "row": 5.0 * frame, "particle": 0})
+    >>> tracks["col"] = [0.0, 0.0, 0.0, 60.0, 0.0, 0.0, 0.0]
+    >>> OutlierRemoval()(tracks)["particle"].tolist()
+    [0, 0, 0, -1, 0, 0, 0]
     """
 
-    angle_deg: float = 30.0  # degrees, theta_eps, Table 5.16
-    change: float = 18.0  # px/frame, Delta V_eps, Table 5.16
+    angle_deg: float = 30.0
+    change: float = 18.0
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets without outliers; ``differences`` are not used."""
@@ -63,9 +80,10 @@ class OutlierRemoval(PathStep):
         large = turns(steps[:-1], steps[1:])[1] > self.change / 2.1
         for k in np.unique(names[2:][large & (names[2:] == names[:-2])]):
             left = np.arange(*paths.starts[[k, k + 1]])
-            while (
-                outlier := self.first_outlier(paths.frame[left], paths.place[left])
-            ) is not None:
+            while True:
+                outlier = self.first_outlier(paths.frame[left], paths.place[left])
+                if outlier is None:
+                    break
                 names[left[outlier]] = -1
                 left = np.delete(left, outlier)
         return paths.grouped(names)
@@ -76,15 +94,16 @@ class OutlierRemoval(PathStep):
         ``frame`` (n,) must ascend; ``place`` (n, 2 or more) holds row and col in px.
         """
         steps = velocities(frame, place)
+        if len(frame) >= 5:
+            mean = steps[1:4].mean(axis=0, keepdims=True)
+            if self._turned(steps[:1], mean)[0]:
+                return 0
         turned = self._turned(steps[:-1], steps[1:])
-        if (
-            len(frame) >= 5
-            and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]
-        ):
-            return 0
         if len(frame) >= 4 and turned[1] and not turned[2:].any():
             return 1  # Eq. 4.20
-        return int(np.argmax(turned)) + 2 if turned.any() else None  # Eq. 4.18
+        if turned.any():
+            return int(np.argmax(turned)) + 2  # Eq. 4.18
+        return None
 
     def _turned(self, before: Array, after: Array) -> Flags:
         """Return which velocities (n, 2) in px/frame change as in Eq. 4.18, (n,)."""
@@ -109,16 +128,38 @@ class Cutting:
     wrong depth that comes back soon counts as scatter; one that lasts is another
     particle's or the wall's. Detections without depth are not judged; they stay with
     those before them.
+
+    Parameters
+    ----------
+    fastest_m_s
+        Largest velocity of a particle in m/s; twice that of the lance's air (sec.
+        2.1.1).
+
+    Examples
+    --------
+    A track jumps by 1 m to another particle.
+
+    >>> tracks = pd.DataFrame({"frame": range(8), "particle": 0, "row": 0.0})
+    >>> tracks["x"] = [0.0] * 4 + [1000.0] * 4
+    >>> tracks = tracks.assign(col=0.0, y=0.0, z=5000.0)
+    >>> Cutting()(tracks, frame_rate_hz=330.0)["particle"].tolist()
+    [0, 0, 0, 0, 1, 1, 1, 1]
     """
 
-    fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
+    fastest_m_s: float = 32.0
 
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
-        """Return the table with a track for each part of `LEAST_PART` detections or
-        more.
+        """Return the table with a track for each part of a track.
 
-        ``tracks`` is a track table, see `kilnflight.tracklets`. Detections of shorter
-        parts get particle -1. A table without places in space is returned as it is.
+        Parts of fewer than `LEAST_PART` detections get particle -1. A table without
+        places in space is returned as it is.
+
+        Parameters
+        ----------
+        tracks
+            Track table, see `kilnflight.tracklets`.
+        frame_rate_hz
+            Of the recording.
 
         Raises
         ------
@@ -127,31 +168,33 @@ class Cutting:
         """
         check_number(frame_rate_hz, "Cutting: frame_rate_hz", above=0)
         paths = read_paths(tracks, "Cutting: tracks")
+        if paths.place.shape[1] < 5:
+            return tracks
         cuts = np.zeros(len(paths.rows), dtype=np.int64)
-        if paths.place.shape[1] == 5:
-            for left in np.split(np.arange(len(cuts)), paths.starts[1:-1]):
-                known = left[np.isfinite(paths.place[left, 2:]).all(axis=1)]
-                if len(known) > 1:
-                    time = paths.frame[known] / frame_rate_hz
-                    place = paths.place[known][:, [3, 4, 2]]
-                    cuts[known[1:]] = self._across(time, place) | self._along(
-                        time, place[:, 2]
-                    )
+        known = ~np.isnan(paths.place[:, 2:].sum(axis=1))
+        for path in np.split(np.arange(len(cuts)), paths.starts[1:-1]):
+            points = path[known[path]]
+            if len(points) > 1:
+                time = paths.frame[points] / frame_rate_hz
+                z, x, y = paths.place[points, 2:].T
+                across = self._across(time, np.stack([x, y], axis=1), z)
+                cuts[points[1:]] = across | self._along(time, z)
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
         long = np.bincount(names)[names] >= LEAST_PART
         return write_paths(tracks, paths.grouped(np.where(long, names, -1)))
 
-    def _across(self, time: Array, place: Array) -> Flags:
+    def _across(self, time: Array, place: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) across the line of sight are impossible.
 
-        ``time`` (n,) is in s; ``place`` (n, 3) is x, y, z in mm from the camera, z
-        along its axis.
+        ``time`` (n,) is in s; ``place`` (n, 2) is x, y and ``depth`` (n,) z in mm from
+        the camera, z along its axis.
         """
-        ahead = np.where(place[:, 2] > 0, place[:, 2], np.nan)
-        sight = place[:, :2] / ahead[:, None]
-        across = np.hypot(*np.diff(sight, axis=0).T) * np.minimum(ahead[1:], ahead[:-1])
+        ahead = np.where(depth > 0, depth, np.nan)
+        step = np.diff(place / ahead[:, None], axis=0)
+        nearer = np.minimum(ahead[1:], ahead[:-1])
+        across = np.hypot(step[:, 0], step[:, 1]) * nearer
         return np.asarray(across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM)
 
     def _along(self, time: Array, depth: Array) -> Flags:
@@ -162,14 +205,15 @@ class Cutting:
         direction.
         """
         steps = np.zeros(len(depth) - 1, dtype=np.bool_)
-        if len(depth) >= 2 * LEAST_PART:
-            around = sliding_window_view(
-                np.stack([time, depth]), 2 * LEAST_PART, axis=1
-            )
-            flown, step = (
-                around[:, :, None, LEAST_PART:] - around[:, :, :LEAST_PART, None]
-            )
-            limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
-            far = [(way > limit).all(axis=(1, 2)) for way in (step, -step)]
-            steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = np.logical_or(*far)
+        if len(depth) < 2 * LEAST_PART:
+            return steps
+        both = np.stack([time, depth])
+        around = sliding_window_view(both, 2 * LEAST_PART, axis=1)
+        before = around[:, :, :LEAST_PART, None]
+        after = around[:, :, None, LEAST_PART:]
+        flown, step = after - before
+        limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
+        away = (step > limit).all(axis=(1, 2))
+        back = (-step > limit).all(axis=(1, 2))
+        steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = away | back
         return steps

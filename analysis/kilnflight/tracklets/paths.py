@@ -28,16 +28,16 @@ class Paths(NamedTuple):
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def speeds(self, some: Index) -> Array:
-        """Return the median and the largest speed (2, m) of the tracklets ``some`` in
-        px/frame.
+    def usual_speeds(self, some: Index) -> tuple[Array, Array]:
+        """Return the median and the largest speed (m,) of tracklets in px/frame.
 
-        It is 0 for the others, and without a step.
+        It is 0 without a step, and for tracklets that are not among ``some``.
         """
         names, points = ranges(self.starts[some], self.starts[some + 1])
-        path, speed = speeds(some[names], self.frame[points], self.place[points])
+        path, speed = step_speeds(some[names], self.frame[points], self.place[points])
         found = pd.Series(speed).groupby(path).agg(["median", "max"])
-        return found.reindex(range(len(self.starts) - 1), fill_value=0.0).to_numpy().T
+        every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
+        return every["median"].to_numpy(), every["max"].to_numpy()
 
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
@@ -53,7 +53,12 @@ class Paths(NamedTuple):
         order = np.argsort(number, kind="stable")
         starts = np.searchsorted(number[order], np.arange(len(first) + 1))
         points = kept[order]
-        return Paths(self.rows[points], self.frame[points], self.place[points], starts)
+        return Paths(
+            rows=self.rows[points],
+            frame=self.frame[points],
+            place=self.place[points],
+            starts=starts,
+        )
 
 
 class PathStep(ABC):
@@ -107,7 +112,8 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
     place = np.full((len(tracks), max(3, len(names))), np.nan)
     for k, name in enumerate(names):
         place[:, k] = check_finite(tracks[name], f"{where}: column {name}", gaps=k > 1)
-    return Paths(rows, frame, place[rows], rows[:0]).grouped(particle)
+    ungrouped = Paths(rows=rows, frame=frame, place=place[rows], starts=rows[:0])
+    return ungrouped.grouped(particle)
 
 
 def _places(tracks: pd.DataFrame) -> list[str]:
@@ -119,7 +125,9 @@ def _places(tracks: pd.DataFrame) -> list[str]:
     names = set(tracks.columns)
     if {"row", "col"}.isdisjoint(names) and {"x", "y"} <= names:
         return ["y", "x"]
-    return ["row", "col", *(name for name in ("z", "x", "y") if {name, "z"} <= names)]
+    if "z" not in names:
+        return ["row", "col"]
+    return ["row", "col", *(name for name in ("z", "x", "y") if name in names)]
 
 
 def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
@@ -145,17 +153,19 @@ def velocities(frame: Whole, place: Array) -> Array:
     paths the value has no meaning; between two points of one frame it is their
     distance.
     """
-    step = np.diff(frame)
-    return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
+    frames = np.diff(frame)
+    frames[frames == 0] = 1
+    return np.diff(place[:, :2], axis=0) / frames[:, None]
 
 
-def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
+def step_speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
     """Return the path (k,) and the speed (k,) of each step within a path, in px/frame.
 
     ``names`` (n,) is the path of each point; points are sorted by path and frame.
     """
     within = np.diff(names) == 0
-    return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
+    velocity = velocities(frame, place)[within]
+    return names[1:][within], np.hypot(velocity[:, 0], velocity[:, 1])
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
@@ -166,7 +176,8 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
-    change = np.hypot(*(after - before).T)
+    step = after - before
+    change = np.hypot(step[:, 0], step[:, 1])
     # The arctangent of 0 and -0 would be 180 degrees.
     standing = (across == 0.0) & (along == 0.0)
     angle = np.where(standing, 0.0, np.degrees(np.arctan2(np.abs(across), along)))
@@ -178,8 +189,9 @@ def means(part: Integers, values: Array, count: int) -> Array:
 
     ``part`` (n,) is the part, below ``count``, of each of the ``values`` (n,).
     """
-    number = np.maximum(np.bincount(part, minlength=count), 1)
-    return np.asarray(np.bincount(part, values, minlength=count) / number)
+    number = np.bincount(part, minlength=count)
+    total = np.bincount(part, values, minlength=count)
+    return np.asarray(total / np.maximum(number, 1))
 
 
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
@@ -190,12 +202,12 @@ def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
     """
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)
-    return owner, np.arange(len(owner)) - np.repeat(
-        np.cumsum(size) - size, size
-    ) + begin[owner]
+    passed = np.cumsum(size) - size  # numbers of all ranges before
+    return owner, np.arange(len(owner)) - passed[owner] + begin[owner]
 
 
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track: ``particle`` is not -1."""
     check_columns(tracks, ("particle",), "tracks")
-    return tracks[check_whole(tracks["particle"], "tracks: column particle") >= 0]
+    particle = check_whole(tracks["particle"], "tracks: column particle")
+    return tracks[particle >= 0]

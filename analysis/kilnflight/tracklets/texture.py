@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Flags, Integers
 
 LAWS_LEVEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])  # Eq. 4.25, thesis
 LAWS_EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
@@ -50,13 +50,13 @@ def texture_energy(
     two edges cancel in the sum, and the two transposes on one of the diagonals. Beyond
     its border the window goes on with its outermost pixels.
     """
-    responses = [
-        np.abs(
-            cv2.sepFilter2D(window, cv2.CV_64F, *masks, borderType=cv2.BORDER_REPLICATE)
-        )
-        for masks in ((first, second), (second, first))
-    ]
-    values = (responses[0] + responses[1])[inside] / 2
+
+    def response(rows: Array, cols: Array) -> Array:
+        border = cv2.BORDER_REPLICATE
+        found = cv2.sepFilter2D(window, cv2.CV_64F, rows, cols, borderType=border)
+        return np.abs(found)
+
+    values = (response(first, second) + response(second, first))[inside] / 2
     total = float(values.sum())
     if average:
         total /= max(int(np.count_nonzero(values)), 1)
@@ -107,27 +107,38 @@ def level_edge(
     """
     corners = window_corners(start, end, half_width)
     shape = differences.shape[1:]
-    low = np.clip(np.floor(corners.min(axis=0)) - 2, 0, shape).astype(
-        int
-    )  # reach of the masks
+    # The masks reach two pixels farther.
+    low = np.clip(np.floor(corners.min(axis=0)) - 2, 0, shape).astype(int)
     high = np.clip(np.ceil(corners.max(axis=0)) + 3, 0, shape).astype(int)
     if (low >= high).any():
         return 0.0
-    frames = differences[period[0] : period[1] + 1, low[0] : high[0], low[1] : high[1]]
+    first, last = period
+    frames = differences[first : last + 1, low[0] : high[0], low[1] : high[1]]
     image = np.asarray(frames).sum(axis=0, dtype=np.float64)
-    lying = int(corners[0, 0] != corners[1, 0])  # the axis along which the window runs
-    along, across = (np.arange(low[axis], high[axis]) for axis in (lying, 1 - lying))
-    first, last = sorted((start[lying], end[lying]))
-    share = (along - start[lying]) / ((end[lying] - start[lying]) or 1.0)
-    centre = start[1 - lying] + np.clip(share, 0, 1) * (
-        end[1 - lying] - start[1 - lying]
-    )
-    # Rounded, so that a connection shorter than a pixel still has a line of pixels.
-    within = (along >= np.floor(first + 0.5)) & (along <= np.floor(last + 0.5))
-    inside = within[:, None] & (np.abs(across - centre[:, None]) <= half_width)
-    if lying:
-        inside = inside.T
+    rows = np.arange(low[0], high[0])
+    cols = np.arange(low[1], high[1])
+    if corners[0, 0] == corners[1, 0]:
+        inside = _inside(rows, cols, start, end, half_width)
+    else:  # it runs along the columns
+        inside = _inside(cols, rows, start[::-1], end[::-1], half_width).T
     return texture_energy(image, LAWS_LEVEL, LAWS_EDGE, inside, average)
+
+
+def _inside(
+    along: Integers, across: Integers, start: Array, end: Array, half_width: float
+) -> Flags:
+    """Return which pixels (n, m) have their centre inside the window.
+
+    ``along`` (n,) and ``across`` (m,) are the pixels along the window and across it,
+    the axes of ``start`` and ``end`` (2,).
+    """
+    length = (end[0] - start[0]) or 1.0
+    share = np.clip((along - start[0]) / length, 0, 1)
+    centre = start[1] + share * (end[1] - start[1])
+    # Rounded, so that a connection shorter than a pixel still has a line of pixels.
+    first, last = np.floor(np.sort([start[0], end[0]]) + 0.5)
+    within = (along >= first) & (along <= last)
+    return within[:, None] & (np.abs(across - centre[:, None]) <= half_width)
 
 
 def window_corners(start: Array, end: Array, half_width: float = 15.0) -> Array:
@@ -136,6 +147,8 @@ def window_corners(start: Array, end: Array, half_width: float = 15.0) -> Array:
     ``start`` and ``end`` (2,) are row and col in px. Vertices 0 and 1 lie beside
     ``start``, 2 and 3 beside ``end``.
     """
-    upright = abs(end[0] - start[0]) >= abs(end[1] - start[1])
-    aside = np.array([0.0, half_width] if upright else [half_width, 0.0])
+    rows, cols = np.abs(end - start)
+    aside = np.array([half_width, 0.0])
+    if rows >= cols:
+        aside = np.array([0.0, half_width])
     return np.array([start - aside, start + aside, end + aside, end - aside])
