@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Single
-from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, meet_tube
 from kilnflight.simulated.kiln.light import Optics
 
 ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
@@ -117,14 +117,12 @@ def _see_tube(
     It lies along the kiln's axis from the inlet to its mouth (3,), with an outer radius
     and a bore. The camera sees the mouth, and the side that is turned to it.
     """
-    ray = geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
-    start = -geometry.origin_mm @ geometry.axes.T - 1000.0 * mouth_m
+    start, ray = geometry.rays(row, column)
+    start = start - 1000.0 * mouth_m
     radius, bore = radii_mm
     with np.errstate(divide="ignore", invalid="ignore"):
         mouth = -start[0] / ray[..., 0]
-        a = (ray[..., 1:] ** 2).sum(axis=-1)
-        b = (ray[..., 1:] * start[1:]).sum(axis=-1)
-        root = np.sqrt(b**2 - a * ((start[1:] ** 2).sum() - radius**2))
+        a, b, root = meet_tube(start, ray, radius)
         side = (-b - root) / a
     across = start[1:] + mouth[..., None] * ray[..., 1:]
     from_centre = np.hypot(across[..., 0], across[..., 1])
@@ -134,7 +132,7 @@ def _see_tube(
     on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
     depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
     # the side is the darker, the less it faces the camera
-    facing = np.nan_to_num(root / np.sqrt(np.maximum(a, 1e-12)) / radius)
+    facing = np.nan_to_num(root / np.sqrt(a) / radius)
     rim = np.where(from_centre <= bore, COLD, STEEL)
     return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
 
@@ -243,10 +241,11 @@ class Background:
         """Depth of lance and burner, (rows, columns); infinite where there is neither."""
         return _see_tubes(self.geometry, *self.nozzle_m)[0].astype(np.float32)
 
-    @property
-    def depth_mm(self) -> Array:
+    @cached_property
+    def depth_mm(self) -> Single:
         """True depth of wall, plate, lance and burner, (rows, columns)."""
-        return np.minimum(_depth_mm(self.geometry), self.solid_mm)
+        depth = np.minimum(_depth_mm(self.geometry), self.solid_mm)
+        return depth.astype(np.float32)
 
     @cached_property
     def level(self) -> Single:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Index
 from kilnflight.detection.region import inside
-from kilnflight.simulated.kiln.fuel import FRACTIONS, find_fraction
+from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
 from kilnflight.simulated.kiln.life import Life
@@ -67,9 +67,7 @@ def feed_campaign(
     ``kind`` is their fraction and the pressure in bar.
     """
     table = (
-        find_fraction(kind[0])
-        .draw(len(release_s), generator)
-        .assign(release_s=release_s)
+        FRACTIONS[kind[0]].draw(len(release_s), generator).assign(release_s=release_s)
     )
     flights = fly(LAWS[kind], len(table), geometry, generator)
     return Life.of(table, flights, geometry, share_on, generator)
