@@ -12,21 +12,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, Flags, Integers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
-from kilnflight.simulated.kiln.life import Life
+from kilnflight.simulated.kiln.life import Life, Moment
 
-LABELLED = range(
-    75, 85
-)  # frames of a subset, with 75 before and after for the backgrounds
-LEAD_S = 1.0  # from the begin of the feeding to the first frame
-CANDIDATES = 4000  # of a fraction, from which a subset is chosen
+# Frames of a subset that are labelled; 75 before and after are for the backgrounds
+LABELLED = range(75, 85)
+LEAD_S = 1.0  # the feeding begins so long before the first frame
+CANDIDATES = 4000  # of each fraction, from which a subset is chosen
+# Classes of Table 5.1
 BURNING = 2
 UNLIT = 3
-ON_WALL = 4  # classes of Table 5.1
+ON_WALL = 4
 # Shares of the fractions in each class of a subset; assumption
 MIXTURES: dict[int, dict[str, float]] = {
     BURNING: {"paper shred": 0.7, "confetti": 0.3},
@@ -43,20 +43,18 @@ MIXTURES: dict[int, dict[str, float]] = {
 def handfuls(
     count: int, mean: float, duration_s: float, generator: np.random.Generator
 ) -> Array:
-    """Return the times (count,) in s at which particles leave the lance, fed in
-    handfuls.
-    """
+    """Draw the times (count,) in s at which particles leave the lance, in handfuls."""
     sizes: list[int] = []
     while sum(sizes) < count:
-        sizes.append(int(min(generator.geometric(1 / mean), count - sum(sizes))))
+        sizes.append(min(int(generator.geometric(1 / mean)), count - sum(sizes)))
     starts = np.sort(generator.uniform(-LEAD_S, duration_s, len(sizes)))
     lasting = generator.uniform(0.2, 1.0, len(sizes))  # a handful takes so many seconds
-    of = np.repeat(np.arange(len(sizes)), sizes)
-    return starts[of] + lasting[of] * generator.beta(2.0, 2.0, count)
+    handful = np.repeat(np.arange(len(sizes)), sizes)
+    return starts[handful] + lasting[handful] * generator.beta(2.0, 2.0, count)
 
 
 def feed_campaign(
-    kind: tuple[str, float],
+    run: tuple[str, float],
     release_s: Array,
     geometry: Geometry,
     share_on: float,
@@ -64,12 +62,11 @@ def feed_campaign(
 ) -> Life:
     """Return the particles that leave the lance at some times (n,).
 
-    ``kind`` is their fraction and the pressure in bar.
+    ``run`` is their fraction and the pressure in bar.
     """
-    table = (
-        FRACTIONS[kind[0]].draw(len(release_s), generator).assign(release_s=release_s)
-    )
-    flights = fly(LAWS[kind], len(table), geometry, generator)
+    count = len(release_s)
+    table = FRACTIONS[run[0]].draw(count, generator).assign(release_s=release_s)
+    flights = fly(LAWS[run], count, geometry, generator)
     return Life.of(table, flights, geometry, share_on, generator)
 
 
@@ -96,47 +93,77 @@ def feed_subset(
         Times of the labelled frames.
     roi
         Vertices (row, col) of the region of interest.
+    geometry
+        Of kiln and camera.
+    share_on
+        Share of the time in which a flame on the wall is there.
+    generator
+        Draws the particles.
     """
-    tables = []
-    parts = []
     middle = len(times_s) // 2
-    for name, kind in FRACTIONS.items():
-        release_s = times_s[middle] - generator.random(CANDIDATES)
-        tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
-        parts.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
-    table = pd.concat(tables, ignore_index=True)
-    flights = Flights.joined(parts)
-    everyone = Life.of(table, flights, geometry, share_on, generator)
-    labels, within = np.zeros((2, len(times_s), len(table)), np.int8)
-    for k, time_s in enumerate(times_s):
-        moment = everyone.at(time_s)
-        row, col = geometry.project(geometry.to_camera(moment.position_m))
-        seen = (
-            (row >= 0) & (row < geometry.rows) & (col >= 0) & (col < geometry.columns)
-        )
-        seen &= moment.burning | ~moment.landed  # on the wall only flames are seen
-        kinds = np.where(
-            moment.landed, ON_WALL, np.where(moment.burning, BURNING, UNLIT)
-        )
-        labels[k, moment.particle] = kinds * seen
-        within[k, moment.particle] = inside(roi, row, col)
-    fraction = table["fraction"].to_numpy()
-    chosen = list[Index]()
-    for label, both in counts.items():
-        for near, count in zip((1, 0), both, strict=True):
+    everyone = _draw_candidates(times_s[middle], geometry, share_on, generator)
+    labels, within = _label(everyone, times_s, roi, geometry)
+    fraction = everyone.table["fraction"].to_numpy()
+    chosen = []
+    for label, (inner, outer) in counts.items():
+        shown = (labels == label).sum(axis=0)
+        for near, count in ((True, inner), (False, outer)):
             there = (labels[middle] == label) & (within[middle] == near)
-            owed = 0.0  # labels; those that a fraction cannot show are the next one's
+            owed = 0.0  # labels; the next fraction shows those that one cannot
             for name, share in MIXTURES[label].items():
                 owed += share * count
-                rows = generator.permutation(np.flatnonzero(there & (fraction == name)))
-                shown = np.cumsum((labels[:, rows] == label).sum(axis=0))
-                taken = int(np.searchsorted(shown, owed))
+                rows = np.flatnonzero(there & (fraction == name))
+                rows = generator.permutation(rows)
+                total = np.append(0, np.cumsum(shown[rows]))
+                taken = np.searchsorted(total[1:], owed)
+                owed -= total[taken]
                 chosen.append(rows[:taken])
-                owed -= shown[taken - 1] if taken else 0
     rows = np.sort(np.concatenate(chosen))
-    fed = (
-        everyone.table.iloc[rows]
-        .reset_index(drop=True)
-        .assign(particle=np.arange(len(rows)))
-    )
-    return Life(fed, flights.take(rows), share_on)
+    fed = everyone.table.iloc[rows].assign(particle=np.arange(len(rows)))
+    return Life(fed.reset_index(drop=True), everyone.flights.take(rows), share_on)
+
+
+def _draw_candidates(
+    latest_s: float,
+    geometry: Geometry,
+    share_on: float,
+    generator: np.random.Generator,
+) -> Life:
+    """Draw particles of all fractions, released up to 1 s before a time."""
+    tables = []
+    flights = []
+    for name, kind in FRACTIONS.items():
+        release_s = latest_s - generator.random(CANDIDATES)
+        tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
+        flights.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
+    table = pd.concat(tables, ignore_index=True)
+    return Life.of(table, Flights.joined(flights), geometry, share_on, generator)
+
+
+def _label(
+    life: Life,
+    times_s: Sequence[float],
+    roi: tuple[tuple[float, float], ...],
+    geometry: Geometry,
+) -> tuple[Integers, Flags]:
+    """Return class (0: not seen) and place of particles at some times.
+
+    Both are (times, particles); the second is True within the region of interest.
+    """
+    labels = np.zeros((len(times_s), len(life.table)), np.int8)
+    within = np.zeros(labels.shape, np.bool_)
+    for k, time_s in enumerate(times_s):
+        moment = life.at(time_s)
+        row, col = geometry.project(geometry.to_camera(moment.position_m))
+        seen = moment.burning | ~moment.landed  # on the wall only flames are seen
+        seen &= (row >= 0) & (row < geometry.rows)
+        seen &= (col >= 0) & (col < geometry.columns)
+        labels[k, moment.particle] = class_of(moment) * seen
+        within[k, moment.particle] = inside(roi, row, col)
+    return labels, within
+
+
+def class_of(moment: Moment) -> Picture:
+    """Return the class of particles by Table 5.1 (n,)."""
+    in_air = np.where(moment.burning, BURNING, UNLIT)
+    return np.where(moment.landed, ON_WALL, in_air).astype(np.uint8)

@@ -28,7 +28,6 @@ from kilnflight.arrays import Array, Flags, Index, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
-from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.picture import MARKED_RADIUS, SceneView
 
 BLOCKS = 3  # per lens and direction, in which contrast is summed
@@ -155,16 +154,15 @@ class LensCamera:
 def _tabulate_captured() -> tuple[Array, Array]:
     """Return true depths, ascending, and the captured ones; lines between them."""
     step = 10.0
-    true = np.arange(step, 15_000.0, step)
-    captured = invert_depth(true)
-    # The second segment begins here.
+    # The second segment of the equation begins here.
     jump = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))
-    sides = np.array([jump - 1e-6, jump])
-    place = np.searchsorted(true, [jump, jump])
-    captured = np.insert(captured, place, invert_depth(sides))
-    true = np.insert(true, place, sides)
-    beyond = float(captured[-1] - captured[-2]) / step * 1e5
-    return np.append(true, true[-1] + 1e5), np.append(captured, captured[-1] + beyond)
+    true = np.append(np.arange(step, 15_000.0, step), [jump - 1e-6, jump])
+    true.sort()
+    captured = invert_depth(true)
+    slope = float(captured[-1] - captured[-2]) / step
+    return np.append(true, true[-1] + 1e5), np.append(
+        captured, captured[-1] + slope * 1e5
+    )
 
 
 class Lattice(NamedTuple):
@@ -226,9 +224,9 @@ class Lattice(NamedTuple):
         total = np.bincount(block, values, rows * columns).reshape(rows, columns)
         return _blur(total.astype(np.float32))
 
-    def pixels_of(self, blocks: Flags) -> Index:
-        """Return the pixels of some blocks (rows, columns)."""
-        row, column = np.nonzero(blocks)
+    def pixels_of(self, blocks: Index) -> Index:
+        """Return the pixels of some blocks."""
+        row, column = np.divmod(blocks, self.blocks[1])
         inner = np.arange(self.block_px)
         down = (row[:, None] * self.block_px + inner)[:, :, None]
         right = (column[:, None] * self.block_px + inner)[:, None, :]
@@ -302,8 +300,7 @@ class Sight(NamedTuple):
     own: Single  # (lenses,) weight of the particles' depth
     wall: Single  # (lenses,) weight of the depth of the wall behind them
     depth_mm: Single  # (lenses,) of the particles, with their error
-    valid: Flags  # (rows, columns) of blocks in which a particle gives a depth
-    hidden: Flags  # (rows * columns,) of pixels that do not show the wall
+    hidden: Flags  # (rows * columns,) pixels that cannot have the wall's depth
     pixels: Index  # that have a particle's depth
 
 
@@ -313,14 +310,12 @@ class LensWall:
 
     camera: LensCamera
     lattice: Lattice
-    optics: Optics
-    depth_mm: Single  # (rows, columns), true
+    background: Background
     bias: Single  # (rows, columns) of the calibration, over the `LensCamera.wall_scale`
     variance: Single  # of blocks
     centre: Index  # (lenses,) the block in the middle of each
     changing: Single  # (lenses,) standard deviation of their own error, likewise
     index: Index  # (n,) pixels of the wall that can have depth
-    block: Index  # (n,)
     lens: Index  # (4, n) lenses around each of them
     weight: Single  # (4, n)
     level_mm: Single  # (n,) depth with the bias of the calibration
@@ -364,14 +359,12 @@ class LensWall:
         return cls(
             camera=camera,
             lattice=lattice,
-            optics=background.optics,
-            depth_mm=background.depth_mm,
+            background=background,
             bias=bias,
             variance=variance,
             centre=centre,
             changing=changing,
             index=index,
-            block=lattice.block_of(index),
             lens=lens,
             weight=weight,
             level_mm=depth + bias.take(index) * scale,
@@ -389,7 +382,7 @@ class LensWall:
         changing += self._draw_drift(random)
         draws = random.random(len(self.index), np.float32)
         kept = draws < np.float32(camera.kept_per_frame)
-        kept &= ~sight.valid.take(self.block) & ~sight.hidden.take(self.index)
+        kept &= ~sight.hidden.take(self.index)
         mixed = (sight.own > 0).take(self.lens).any(axis=0)
         alone = kept & ~mixed
         near = np.concatenate([self.index[kept & mixed], sight.pixels])
@@ -423,7 +416,7 @@ class LensWall:
         wall = _interpolate(sight.wall, lens, weight)
         error = _interpolate(changing, lens, weight)
         share = own / np.maximum(own + wall, 1e-6)
-        behind = (1 - share) * self.depth_mm.take(index)
+        behind = (1 - share) * self.background.depth_mm.take(index)
         depth = behind + share * own_depth / np.maximum(own, 1e-6)
         scale = self.camera.wall_scale(depth).astype(np.float32)
         return depth + (self.bias.take(index) + error) * scale
@@ -451,12 +444,16 @@ class LensWall:
         covered = np.minimum(count / lattice.block_px**2, 1.0)
         wall = self.variance * (1 - covered)  # the hidden part has no contrast
         own = np.maximum(variance.take(near) - wall.take(near), 0.0)
-        noise = self.optics.noise(mean.take(near))
+        noise = self.background.optics.noise(mean.take(near))
         contrast = np.zeros(count.size)
         contrast[near] = np.sqrt(own) / noise
-        valid = np.zeros(lattice.blocks, np.bool_)
         clear = own >= camera.clear**2 * wall.take(near)
-        valid.reshape(-1)[near] = clear & (contrast[near] >= camera.contrast)
+        clear &= contrast[near] >= camera.contrast
+        pixels = lattice.pixels_of(near[clear])
+        kept = random.random(len(pixels), np.float32) < camera.points_per_pixel
+        kept &= view.labels.take(pixels) != 1
+        hidden = view.labels.reshape(-1) != 0
+        hidden[pixels] = True
         strongest = np.zeros(len(view.visible))
         np.maximum.at(strongest, blob, contrast[block])
         error = error[view.blobs.particle] * camera.particle_scale(strongest)
@@ -465,15 +462,11 @@ class LensWall:
         body = np.zeros(count.size, np.float32)
         # Within a body there is no contrast, yet only itself is seen.
         body[near] = np.sqrt(own) + 0.1 * noise * covered.take(near)
-        pixels = lattice.pixels_of(valid)
-        kept = random.random(len(pixels), np.float32) < camera.points_per_pixel
-        kept &= view.labels.take(pixels) != 1
         return Sight(
             own=body.take(self.centre) ** camera.dominance,
             wall=np.sqrt(wall.take(self.centre)) ** camera.dominance,
             depth_mm=depth.take(self.centre),
-            valid=valid,
-            hidden=view.labels.reshape(-1) != 0,
+            hidden=hidden,
             pixels=pixels[kept],
         )
 

@@ -70,6 +70,11 @@ class Optics:
         """Grey value of the wall at this exposure."""
         return self.wall * self.exposure
 
+    @property
+    def at_flame(self) -> float:
+        """Grey value of a thick flame at this exposure."""
+        return self.flame * FULL_SCALE * self.exposure
+
     def noise(self, level: npt.ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""
         return np.sqrt(

@@ -91,34 +91,33 @@ def project(
     shape *= np.where(flame, optics.curl**2, 1.0)[:, None, None]
     shape += np.where(flame, looks.gas_mm[rows] ** 2, 0.0)[:, None, None] * np.eye(2)
     shape *= np.where(flame, swollen, 1.0)[:, None, None]
-    diameter = 2 * np.linalg.det(shape) ** 0.25
-    passes = np.exp(-diameter / optics.thick_mm)
-    own = optics.flame * FULL_SCALE * optics.exposure * looks.brightness[rows] * bright
+    # The light passes through the diameter.
+    passes = np.exp(-2 * np.linalg.det(shape) ** 0.25 / optics.thick_mm)
+    own = optics.at_flame * looks.brightness[rows] * bright * (1 - passes)
     unlit = optics.at_wall * looks.unlit(rows, time_s, optics.tumble)
     tail = _tails(moment, geometry, optics)
-    sharp = (shape + _squares(tail) / 4) * (scale**2)[:, None, None]
+    sharp = _smear(shape, tail) * (scale**2)[:, None, None]
+    travel = _travels(moment, place, geometry) * (scale * optics.exposure_s)[:, None]
+    spread = _smear(sharp + np.eye(2) * optics.edge_softness_px**2, travel)
     area = np.sqrt(np.maximum(np.linalg.det(sharp), 1e-12))
-    travel = _travels(moment, place, geometry)
-    travel *= (scale * optics.exposure_s)[:, None]
-    blurred = sharp + np.eye(2) * optics.edge_softness_px**2 + _squares(travel) / 4.0
     blobs = Blobs(
         particle=rows,
         row=row + tail[:, 0] * scale / 2,
         column=column + tail[:, 1] * scale / 2,
-        spread_px2=blurred,
-        brightness=np.where(flame, own * (1 - passes), unlit),
+        spread_px2=spread,
+        brightness=np.where(flame, own, unlit),
         passes=np.where(flame, passes, 0.0),
         softness=np.where(flame, optics.flame_softness, 0.15),
-        dilution=np.minimum(area / np.sqrt(np.linalg.det(blurred)), 1.0),
+        dilution=np.minimum(area / np.sqrt(np.linalg.det(spread)), 1.0),
         depth_mm=place[:, 2],
     )
     order = np.argsort(-blobs.depth_mm, kind="stable")
     return Blobs._make(part[order] for part in blobs)
 
 
-def _squares(vectors: Array) -> Array:
-    """Return the outer products (m, 2, 2) of vectors (m, 2) with themselves."""
-    return vectors[:, :, None] * vectors[:, None, :]
+def _smear(ellipses: Array, vectors: Array) -> Array:
+    """Return ellipses (m, 2, 2) drawn out along vectors (m, 2)."""
+    return ellipses + vectors[:, :, None] * vectors[:, None, :] / 4
 
 
 def _down_and_over(vectors: Array, geometry: Geometry) -> Array:

@@ -20,10 +20,8 @@ from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.simulated.kiln.background import Background, Interior
 from kilnflight.simulated.kiln.feeding import (
-    BURNING,
     LABELLED,
-    ON_WALL,
-    UNLIT,
+    class_of,
     feed_campaign,
     feed_subset,
     handfuls,
@@ -263,8 +261,7 @@ class Twin:
         picture = self._background.at(time_s)
         marked, visible = paint(picture, blobs, pixels, optics)
         shown = marked & visible[pixels.blob]
-        in_air = np.where(moment.burning, BURNING, UNLIT)
-        kinds = np.where(moment.landed, ON_WALL, in_air).astype(np.uint8)
+        kinds = class_of(moment)
         labels = self._label_flame(picture)
         labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
         return SceneView(
