@@ -2,7 +2,7 @@
 
 ::
 
-    fuel, flights -> feeding -> life -> picture, background, lenses -> scene (a recording) -> truth
+    fuel, laws -> feeding -> life -> picture, background, lenses -> scene -> truth
 
 It never sees a method, and no method sees it. Every input has unit and source:
 published, handbook, fitted or assumption. data/reference/twin_inputs.csv lists the main
@@ -14,7 +14,7 @@ module      content
 ==========  =====================================================================
 geometry    kiln, lance and camera: where things are, and where they are seen
 fuel        sizes of the particles of four fractions
-flights     paths, landing and ignition as formulas of time
+laws        paths, landing and ignition as formulas of time
 feeding     handfuls of a campaign, chosen particles of a labelled subset
 life        all particles of a recording at any moment
 light       grey values of wall, particles and flames, and noise

@@ -88,7 +88,7 @@ class Interior:
 
 
 def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Index, Index]]:
-    """Yield `ROWS` rows of the picture at a time, with row and column of their pixels."""
+    """Yield `ROWS` rows of the picture at a time, with row and column of pixels."""
     column = np.arange(geometry.columns)
     for first in range(0, geometry.rows, ROWS):
         last = min(first + ROWS, geometry.rows)
@@ -97,7 +97,7 @@ def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Index, Index]]:
 
 @lru_cache(maxsize=1)
 def _depth_mm(geometry: Geometry) -> Array:
-    """Return the depth (rows, columns) at which pixels meet wall or plate; read-only."""
+    """Return the depth (rows, columns) at which rays meet wall or plate; read-only."""
     depth = np.empty((geometry.rows, geometry.columns))
     for rows, row, column in _blocks(geometry):
         depth[rows] = geometry.wall_depth(row, column)
@@ -205,7 +205,7 @@ class Background:
     seed: int
 
     def _texture(self, around: Array, along: Array) -> Array:
-        """Return smooth noise of unit variance over angle and length, at four scales."""
+        """Return smooth noise of unit variance over angle and length at four scales."""
         total = np.zeros(around.shape)
         power = 0.0
         for (cells, weight), noise in zip(TEXTURE, self._fields, strict=True):
@@ -241,7 +241,7 @@ class Background:
 
     @cached_property
     def solid_mm(self) -> Single:
-        """Depth of lance and burner, (rows, columns); infinite where there is neither."""
+        """Depth (rows, columns) of lance and burner; infinite where neither is."""
         return self._tubes[0].astype(np.float32)
 
     @cached_property
@@ -279,7 +279,7 @@ class Background:
         return nozzle, (end - nozzle) / np.hypot(*(end - nozzle))
 
     def _burn(self, picture: Single, time_s: float) -> None:
-        """Draw the burner's flame: an ellipse from the nozzle on, away from the lance."""
+        """Draw the burner's flame: an ellipse from the nozzle away from the lance."""
         top, bottom, left, right = self.interior.flame_roi
         nozzle, direction = self._flame
         sines = _sines(self.seed, 106, (3.0, 17.0), time_s)

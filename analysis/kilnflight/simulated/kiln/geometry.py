@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from kilnflight.arrays import Array
 
@@ -97,22 +97,22 @@ class Geometry:
         return self.inlet_m + self.kiln_length_mm / 1000.0
 
     def to_camera(self, position_m: Array) -> Array:
-        """Return camera coordinates (..., 3) in mm of kiln coordinates (..., 3) in m."""
+        """Turn kiln coordinates (..., 3) in m into camera coordinates in mm."""
         return self.origin_mm + 1000.0 * (position_m @ self.axes)
 
     def to_kiln(self, position_mm: Array) -> Array:
-        """Return kiln coordinates (..., 3) in m of camera coordinates (..., 3) in mm."""
+        """Turn camera coordinates (..., 3) in mm into kiln coordinates in m."""
         return (position_mm - self.origin_mm) @ self.axes.T / 1000.0
 
     def project(self, position_mm: Array) -> tuple[Array, Array]:
-        """Return row and column of camera coordinates (..., 3); depth must be positive."""
+        """Return row and column of camera coordinates (..., 3) of positive depth."""
         scale = self.focal_length_px / position_mm[..., 2]
         row = (self.rows - 1) / 2 - position_mm[..., 1] * scale
         column = (self.columns - 1) / 2 + position_mm[..., 0] * scale
         return row, column
 
     def unproject(
-        self, row: npt.ArrayLike, column: npt.ArrayLike, depth_mm: npt.ArrayLike
+        self, row: ArrayLike, column: ArrayLike, depth_mm: ArrayLike
     ) -> Array:
         """Return camera coordinates (..., 3) of pixels at a depth in mm."""
         depth = np.asarray(depth_mm, dtype=np.float64)
@@ -120,7 +120,7 @@ class Geometry:
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
         return np.stack(np.broadcast_arrays(x, y, depth), axis=-1)
 
-    def rays(self, row: Array, column: Array) -> tuple[Array, Array]:
+    def rays(self, row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
         """Return the rays of pixels along the kiln's axes.
 
         Returns
@@ -133,7 +133,7 @@ class Geometry:
         start = -self.origin_mm @ self.axes.T
         return start, self.unproject(row, column, 1.0) @ self.axes.T
 
-    def wall_depth(self, row: Array, column: Array) -> Array:
+    def wall_depth(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return the depth in mm at which a pixel's ray meets wall or inlet plate.
 
         The ray starts at the camera; of its two intersections with the cylinder the far

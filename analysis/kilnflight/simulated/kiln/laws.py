@@ -286,7 +286,7 @@ def fly(
 
 
 def burning(flights: Flights, ignition_s: Array, flame_s: Array) -> Flights:
-    """Return flights that ignite at some times (n,), NaN: never, and burn ``flame_s``."""
+    """Return flights that ignite at times (n,), NaN: never, and burn ``flame_s``."""
     out = ignition_s + flame_s
     gone = out < flights.end_s  # False where NaN
     return flights._replace(

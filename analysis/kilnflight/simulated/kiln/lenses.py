@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Flags, Index, Single
+from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
@@ -124,7 +124,7 @@ class LensCamera:
         Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation
         does.
         """
-        return np.asarray(np.interp(true_mm, *_tabulate_captured()))
+        return np.asarray(np.interp(np.asarray(true_mm), *_tabulate_captured()))
 
     def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths."""
@@ -144,10 +144,6 @@ class LensCamera:
         size = (rows, columns)
         field = _draw_smooth(generator, size, self.smooth_px, size)
         return field * np.float32(np.sqrt(self.fixed))
-
-    def particle_scale(self, contrast: Array) -> Array:
-        """Return by how much low contrast raises a particle's error."""
-        return np.sqrt(1.0 + (self.half_contrast / np.maximum(contrast, 0.1)) ** 2)
 
 
 @lru_cache(maxsize=1)
@@ -342,7 +338,8 @@ class LensWall:
             which takes a second.
         """
         level = background.level
-        lattice = Lattice(*level.shape, camera.lenses)
+        rows, columns = level.shape
+        lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
         everywhere = np.ones(lattice.blocks, np.bool_)
         variance, mean = measure_contrast(level, lattice, np.inf, everywhere)
         over_noise = np.sqrt(variance) / background.optics.noise(mean)
@@ -363,7 +360,7 @@ class LensWall:
             bias=bias,
             variance=variance,
             centre=centre,
-            changing=changing,
+            changing=changing.astype(np.float32),
             index=index,
             lens=lens,
             weight=weight,
@@ -435,29 +432,25 @@ class LensWall:
         """
         camera = self.camera
         lattice = self.lattice
-        inside = view.pixels.radius <= MARKED_RADIUS
-        blob = view.pixels.blob[inside]
-        block = lattice.block_of(view.pixels.place[inside])
+        pixels = view.pixels.take(view.pixels.radius <= MARKED_RADIUS)
+        blob = pixels.blob
+        block = lattice.block_of(pixels.place)
         count = lattice.average(block, np.ones(len(block)))
         near = np.flatnonzero(count)  # elsewhere there is only the wall
         variance, mean = measure_contrast(view.picture, lattice, FULL_SCALE, count > 0)
         covered = np.minimum(count / lattice.block_px**2, 1.0)
         wall = self.variance * (1 - covered)  # the hidden part has no contrast
-        own = np.maximum(variance.take(near) - wall.take(near), 0.0)
+        behind = wall.take(near)
+        own = np.maximum(variance.take(near) - behind, 0.0)
         noise = self.background.optics.noise(mean.take(near))
+        seen = np.sqrt(own) / noise
+        clear = (seen >= camera.contrast) & (own >= camera.clear**2 * behind)
         contrast = np.zeros(count.size)
-        contrast[near] = np.sqrt(own) / noise
-        clear = own >= camera.clear**2 * wall.take(near)
-        clear &= contrast[near] >= camera.contrast
-        pixels = lattice.pixels_of(near[clear])
-        kept = random.random(len(pixels), np.float32) < camera.points_per_pixel
-        kept &= view.labels.take(pixels) != 1
+        contrast[near] = seen
+        deep = lattice.pixels_of(near[clear])
         hidden = view.labels.reshape(-1) != 0
-        hidden[pixels] = True
-        strongest = np.zeros(len(view.visible))
-        np.maximum.at(strongest, blob, contrast[block])
-        error = error[view.blobs.particle] * camera.particle_scale(strongest)
-        found = (view.blobs.depth_mm + error)[blob]
+        hidden[deep] = True
+        found = self._depths(view, error, blob, contrast[block])[blob]
         depth = lattice.average(block, found) / np.maximum(count, 1e-6)
         body = np.zeros(count.size, np.float32)
         # Within a body there is no contrast, yet only itself is seen.
@@ -465,10 +458,31 @@ class LensWall:
         return Sight(
             own=body.take(self.centre) ** camera.dominance,
             wall=np.sqrt(wall.take(self.centre)) ** camera.dominance,
-            depth_mm=depth.take(self.centre),
+            depth_mm=np.asarray(depth.take(self.centre), np.float32),
             hidden=hidden,
-            pixels=pixels[kept],
+            pixels=self._keep(deep, view.labels, random),
         )
+
+    def _depths(
+        self, view: SceneView, error: Array, blob: Index, contrast: Array
+    ) -> Array:
+        """Return the depth (m,) in mm that lenses find for each particle of a view.
+
+        ``error`` is that of all particles at high contrast; a low one raises it. The
+        contrast (k,) is that of pixels of some blobs (k,).
+        """
+        strongest = np.zeros(len(view.visible))
+        np.maximum.at(strongest, blob, contrast)
+        over = self.camera.half_contrast / np.maximum(strongest, 0.1)
+        scale = np.sqrt(1.0 + over**2)
+        return view.blobs.depth_mm + error[view.moment.particle] * scale
+
+    def _keep(
+        self, pixels: Index, labels: Picture, random: np.random.Generator
+    ) -> Index:
+        """Choose the pixels of particles that have a point, none in the flame."""
+        kept = random.random(len(pixels), np.float32) < self.camera.points_per_pixel
+        return pixels[kept & (labels.take(pixels) != 1)]
 
 
 def _interpolate(values: Single, lens: Index, weight: Single) -> Single:
@@ -490,11 +504,11 @@ def _choose_textured(
     """
     size = (lattice.columns, lattice.rows)
     around = cv2.GaussianBlur(contrast, (0, 0), lattice.blocks[1] / 20)
-    score = cv2.resize(contrast / (around + 0.05), size)
+    score = np.asarray(cv2.resize(contrast / (around + 0.05), size), np.float32)
     generator = np.random.default_rng([background.seed, 305])
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
     score *= cv2.resize(contrast, size) >= camera.wall_contrast
-    score = cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch)
+    cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch, dst=score)
     edge = background.interior.edge_px
     inner = np.zeros(score.shape, np.bool_)
     inner[edge:-edge, edge:-edge] = True

@@ -61,7 +61,6 @@ def draw_bodies(table: pd.DataFrame, seed: int) -> Bodies:
 class Blobs(NamedTuple):
     """Particles as they lie in the picture; arrays (m, ...)."""
 
-    particle: Index
     row: Array
     column: Array
     spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
@@ -80,7 +79,19 @@ def project(
     optics: Optics,
     time_s: float,
 ) -> Blobs:
-    """Return every particle of a moment as it lies in the picture, far ones first."""
+    """Return the particles of a moment as they lie in the picture.
+
+    Parameters
+    ----------
+    moment
+        The particles, far ones first.
+    bodies, looks
+        Of all particles of the scene.
+    geometry, optics
+        Of the scene.
+    time_s
+        Of the frame.
+    """
     rows = moment.particle
     flame = moment.burning
     place = geometry.to_camera(moment.position_m)
@@ -99,20 +110,21 @@ def project(
     sharp = _smear(shape, tail) * (scale**2)[:, None, None]
     travel = _travels(moment, place, geometry) * (scale * optics.exposure_s)[:, None]
     spread = _smear(sharp + np.eye(2) * optics.edge_softness_px**2, travel)
-    area = np.sqrt(np.maximum(np.linalg.det(sharp), 1e-12))
-    blobs = Blobs(
-        particle=rows,
+    return Blobs(
         row=row + tail[:, 0] * scale / 2,
         column=column + tail[:, 1] * scale / 2,
         spread_px2=spread,
         brightness=np.where(flame, own, unlit),
         passes=np.where(flame, passes, 0.0),
         softness=np.where(flame, optics.flame_softness, 0.15),
-        dilution=np.minimum(area / np.sqrt(np.linalg.det(spread)), 1.0),
+        dilution=np.minimum(_area(sharp) / _area(spread), 1.0),
         depth_mm=place[:, 2],
     )
-    order = np.argsort(-blobs.depth_mm, kind="stable")
-    return Blobs._make(part[order] for part in blobs)
+
+
+def _area(ellipses: Array) -> Array:
+    """Return the areas of ellipses (m, 2, 2) over pi."""
+    return np.sqrt(np.maximum(np.linalg.det(ellipses), 1e-12))
 
 
 def _smear(ellipses: Array, vectors: Array) -> Array:
@@ -162,6 +174,10 @@ class Pixels(NamedTuple):
     blob: Index  # row in `Blobs`
     place: Index  # row * columns + column
     radius: Single  # 1 on the ellipse
+
+    def take(self, chosen: Flags) -> Pixels:
+        """Return some of the pixels, by a mask."""
+        return Pixels._make(part[chosen] for part in self)
 
 
 def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:

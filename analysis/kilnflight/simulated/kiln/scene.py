@@ -32,7 +32,6 @@ from kilnflight.simulated.kiln.life import Life
 from kilnflight.simulated.kiln.light import Looks, Optics, draw_looks
 from kilnflight.simulated.kiln.picture import (
     Bodies,
-    Pixels,
     SceneView,
     cover,
     draw_bodies,
@@ -131,7 +130,7 @@ class Twin:
 
     @property
     def lance_seen_mm(self) -> float:
-        """Mean depth in mm of the points at the lance exit, with the calibration's error.
+        """Mean depth in mm of the points at the lance exit, with the calibration.
 
         The thesis takes the place of the kiln from the cloud, as it "is hardly
         measurable" (section 3.2); other errors are anew in each frame.
@@ -188,7 +187,7 @@ class Twin:
         return LensWall.of(self.scene.depth, self._background, self._calibration)
 
     def still(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays that take seconds to make and are the same in each frame."""
+        """Return the arrays that take seconds and are the same in each frame."""
         background = self._background
         return {
             "level": background.level,
@@ -239,25 +238,25 @@ class Twin:
         return self.exposed(t, self.view(t).picture)
 
     def empty(self, t: int) -> Single:
-        """Return the picture (rows, columns) of frame ``t`` without particles or noise."""
+        """Return the picture of frame ``t`` without particles and noise."""
         return self._background.at(self.time_s(t))
 
     def view(self, t: int) -> SceneView:
-        """Return the picture before noise, and which particle covers which pixel of it."""
+        """Return frame ``t`` before noise, and which particle covers which pixel."""
         place = self.scene.geometry
         optics = self.scene.optics
         time_s = self.time_s(t)
         moment = self.life.at(time_s)
         # Particles behind the camera, and those on the wall that do not burn, are not
         # seen.
-        in_front = place.to_camera(moment.position_m)[:, 2] > LEAST_DEPTH_MM
-        moment = moment.take(in_front & (~moment.landed | moment.burning))
+        depth = place.to_camera(moment.position_m)[:, 2]
+        seen = (depth > LEAST_DEPTH_MM) & (~moment.landed | moment.burning)
+        far_first = np.argsort(-depth, kind="stable")
+        moment = moment.take(far_first[seen[far_first]])
         blobs = project(moment, self._bodies, self._looks, place, optics, time_s)
-        moment = moment.take(np.searchsorted(moment.particle, blobs.particle))
         pixels = cover(blobs, place.rows, place.columns)
         solid_mm = self._background.solid_mm.take(pixels.place)
-        before = blobs.depth_mm[pixels.blob] < solid_mm
-        pixels = Pixels._make(part[before] for part in pixels)
+        pixels = pixels.take(blobs.depth_mm[pixels.blob] < solid_mm)
         picture = self._background.at(time_s)
         marked, visible = paint(picture, blobs, pixels, optics)
         shown = marked & visible[pixels.blob]
@@ -308,7 +307,7 @@ class Twin:
         return self._wall.look(view, self._draw_errors(t), self._random(t, 2))
 
     def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
-        """Return pixels (n, 2) and captured positions (n, 3) of the points of a frame."""
+        """Return pixels (n, 2) and captured positions (n, 3) of the points of ``t``."""
         index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
         captured = self.scene.depth.captured(depth)
         row, column = np.divmod(index, self.scene.geometry.columns)
@@ -320,16 +319,16 @@ class Twin:
         has_point = np.zeros(view.labels.size, np.bool_)
         has_point[self._sight(t, view).pixels] = True
         chosen = view.shown & has_point[view.pixels.place]
-        return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
+        return np.unique(view.moment.particle[view.pixels.blob[chosen]])
 
     @cached_property
     def _flying_errors_mm(self) -> Array:
         """Standard deviation of each particle's common error in flight, (n,)."""
         errors = dict(self.scene.depth.particle_error_mm)
-        return self.life.table["fraction"].map(errors).to_numpy(np.float64)
+        return np.asarray(self.life.table["fraction"].map(errors), np.float64)
 
     def _draw_errors(self, t: int) -> Array:
-        """Draw the common error in mm of every particle's depth in frame ``t``, (n,)."""
+        """Draw the common error in mm of each particle's depth in frame ``t``, (n,)."""
         camera = self.scene.depth
         end_s = self.life.release_s + self.life.flights.end_s
         flying = end_s > self.time_s(t)
