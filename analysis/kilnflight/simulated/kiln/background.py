@@ -183,7 +183,7 @@ def _sines(
     hertz = np.exp(generator.uniform(low, high, (3, 6)))
     phase = generator.uniform(0, 2 * np.pi, (3, 6))
     waves = np.cos(2 * np.pi * hertz * time_s + phase)
-    return np.asarray(waves.sum(axis=1) / np.sqrt(3))
+    return waves.sum(axis=1) / np.sqrt(3)
 
 
 class Clutter(NamedTuple):
@@ -342,7 +342,7 @@ class Background:
 
     @property
     def _block(self) -> int:
-        return max(1, int(FLICKER_BLOCK * self._scale))
+        return int(FLICKER_BLOCK * self._scale)
 
     @property
     def _cells(self) -> tuple[int, int]:

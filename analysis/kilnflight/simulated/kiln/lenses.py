@@ -176,7 +176,7 @@ class Lattice(NamedTuple):
     @property
     def block_px(self) -> int:
         """Side of the blocks in which contrast is summed."""
-        return max(1, round(self.pitch_px / BLOCKS))
+        return round(self.pitch_px / BLOCKS)
 
     @property
     def blocks(self) -> tuple[int, int]:
@@ -510,10 +510,10 @@ def _choose_textured(
     score *= cv2.resize(contrast, size) >= camera.wall_contrast
     cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch, dst=score)
     edge = background.interior.edge_px
-    inner = np.zeros(score.shape, np.bool_)
-    inner[edge:-edge, edge:-edge] = True
-    score[~inner] = 0
-    count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
+    inner = np.zeros_like(score)
+    inner[edge:-edge, edge:-edge] = 1
+    score *= inner
+    count = int(camera.wall_points / camera.kept_per_frame)
     score = score.reshape(-1)
     best = np.flatnonzero(score >= np.partition(score, -count)[-count])
     # Ties go to the first pixel.

@@ -82,7 +82,7 @@ class Life:
         """
         n = len(table)
         mean_s = np.where(are_sheets(table["fraction"]), SHEET_S, BODY_S)
-        end = geometry.to_camera(np.reshape(flights.position(flights.end_s), (n, 3)))
+        end = geometry.to_camera(flights.position(flights.end_s))
         table = table.reset_index(drop=True).assign(
             particle=np.arange(n),
             ignition_s=flights.ignition_s,
@@ -106,7 +106,7 @@ class Life:
     def _flame(self) -> Array:
         """Delay in s, time in s and phase of the flames on the wall, (3, n)."""
         names = ["flame_delay_s", "flame_s", "flicker_phase"]
-        return np.ascontiguousarray(self.table[names].to_numpy(np.float64).T)
+        return self.table[names].to_numpy(np.float64).T
 
     @cached_property
     def over_s(self) -> Array:

@@ -295,7 +295,7 @@ class Twin:
         gain = np.float32(optics.shot_gain)
         read = np.float32(optics.read_noise**2)
         full = np.float32(FULL_SCALE)
-        return np.asarray(_add_noise(picture, noise, gain, read, full))
+        return _add_noise(picture, noise, gain, read, full)
 
     def _random(self, t: int, stream: int) -> np.random.Generator:
         """Return random numbers that depend on seed, frame and stream only."""
