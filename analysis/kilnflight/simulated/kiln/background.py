@@ -22,7 +22,7 @@ from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, meet_tube
 from kilnflight.simulated.kiln.light import Optics
 
 ROWS = 8  # rays of so many rows at once fit the cache
-FULL_COLUMNS = 2048  # of the full camera; sizes in px below are for it
+FULL_COLUMNS = 2048  # columns of the full camera, for which sizes in px are
 # Cells around and along the wall of each scale of its texture, and its weight
 TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
 TEXTURE_SD = 0.085  # relative; 10 K of a wall of 1423 K in the band of the sensor
@@ -44,7 +44,7 @@ COLD = 0.12  # level of a cold bore over the wall's
 NOZZLE = (0.40, 0.88)  # place of the burner in rows and columns of its rectangle
 NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m (sec. 3.1)
 FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame
-FLAME_LEVEL = 1.3  # over full scale
+FLAME_LEVEL = 1.3  # grey value over full scale
 FLAME_EDGE = 0.05  # width of its edge over its radius
 CLUTTER_PX = (2.0, 6.0)  # Gaussian radius of a spot of clutter
 CLUTTER_S = (0.6, 1.6)  # cycle in which it comes and goes
@@ -191,7 +191,7 @@ class Clutter(NamedTuple):
 
     corner: Index  # (n, 2) row and column of the first pixel
     spot: Single  # (n, side, side) grey values when it is brightest
-    hertz: Array  # of the cycle in which each comes and goes
+    hertz: Array  # rate at which each comes and goes
     phase: Array  # share of a cycle
 
 

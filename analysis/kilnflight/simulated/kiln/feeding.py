@@ -22,7 +22,7 @@ from kilnflight.simulated.kiln.life import Life, Moment
 # Frames of a subset that are labelled; 75 before and after are for the backgrounds
 LABELLED = range(75, 85)
 LEAD_S = 1.0  # the feeding begins so long before the first frame
-CANDIDATES = 4000  # of each fraction, from which a subset is chosen
+CANDIDATES = 4000  # particles of each fraction from which a subset is chosen
 # Classes of Table 5.1
 BURNING = 2
 UNLIT = 3
@@ -43,7 +43,19 @@ MIXTURES: dict[int, dict[str, float]] = {
 def handfuls(
     count: int, mean: float, duration_s: float, generator: np.random.Generator
 ) -> Array:
-    """Draw the times (count,) in s at which particles leave the lance, in handfuls."""
+    """Draw the times (count,) in s at which particles leave the lance, in handfuls.
+
+    Parameters
+    ----------
+    count
+        Number of particles.
+    mean
+        Mean number of particles in a handful.
+    duration_s
+        Length of the recording in s.
+    generator
+        Draws sizes and times.
+    """
     sizes: list[int] = []
     while sum(sizes) < count:
         sizes.append(min(int(generator.geometric(1 / mean)), count - sum(sizes)))
@@ -60,9 +72,20 @@ def feed_campaign(
     share_on: float,
     generator: np.random.Generator,
 ) -> Life:
-    """Return the particles that leave the lance at some times (n,).
+    """Return the particles of a campaign.
 
-    ``run`` is their fraction and the pressure in bar.
+    Parameters
+    ----------
+    run
+        Fraction, and pressure in bar.
+    release_s
+        When each particle leaves the lance (n,), in s from the first frame.
+    geometry
+        Of kiln and camera.
+    share_on
+        Share of the time in which a flame on the wall is there.
+    generator
+        Draws the particles.
     """
     count = len(release_s)
     table = FRACTIONS[run[0]].draw(count, generator).assign(release_s=release_s)
@@ -155,7 +178,7 @@ def _label(
     for k, time_s in enumerate(times_s):
         moment = life.at(time_s)
         row, col = geometry.project(geometry.to_camera(moment.position_m))
-        seen = moment.burning | ~moment.landed  # on the wall only flames are seen
+        seen = moment.burning | ~moment.landed  # only flames are seen on the wall
         seen &= (row >= 0) & (row < geometry.rows)
         seen &= (col >= 0) & (col < geometry.columns)
         labels[k, moment.particle] = class_of(moment) * seen

@@ -33,7 +33,7 @@ ENDS = ("landed", "burnt out", "left the kiln", "still flying")
 LANDED, BURNT_OUT, LEFT, FLYING = range(4)
 LONGEST_S = 1.6  # no flight is longer
 GRID_S = 0.004  # a landing is looked for in such steps
-START_S = 0.05  # in this time the flutter begins; assumption
+START_S = 0.05  # time in which the flutter begins; assumption
 # Edges of the histograms of ignition (sec. 5.3.2)
 BIN_S = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.6])
 LEAST_FLAME_S = 0.02
@@ -378,6 +378,18 @@ def _weigh_ignition(law: Law, geometry: Geometry) -> tuple[float, Array]:
 def released(
     fraction: str, bar: float, geometry: Geometry, count: int, seed: int
 ) -> Flights:
-    """Return the flights of particles of a fraction, released at once."""
+    """Return the flights of particles of a fraction, released at once.
+
+    Parameters
+    ----------
+    fraction, bar
+        Fraction, and pressure in bar: a key of `LAWS`.
+    geometry
+        Of the kiln.
+    count
+        Number of particles.
+    seed
+        Other seeds give other flights.
+    """
     key = [seed, list(FRACTIONS).index(fraction), int(10 * bar)]
     return fly(LAWS[fraction, bar], count, geometry, np.random.default_rng(key))

@@ -31,7 +31,7 @@ from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.picture import MARKED_RADIUS, SceneView
 
 BLOCKS = 3  # per lens and direction, in which contrast is summed
-# Between these depths the plate scatters most, near 3 m (sec. 2.1.5).
+# The plate scatters most between these depths, near 3 m (sec. 2.1.5).
 NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
 
 
@@ -164,7 +164,7 @@ def _tabulate_captured() -> tuple[Array, Array]:
 class Lattice(NamedTuple):
     """The hexagonal grid of lenses over a picture."""
 
-    rows: int  # of the picture
+    rows: int  # size of the picture
     columns: int
     lenses: tuple[int, int]
 
@@ -297,7 +297,7 @@ class Sight(NamedTuple):
     wall: Single  # (lenses,) weight of the depth of the wall behind them
     depth_mm: Single  # (lenses,) of the particles, with their error
     hidden: Flags  # (rows * columns,) pixels that cannot have the wall's depth
-    pixels: Index  # that have a particle's depth
+    pixels: Index  # pixels that have a particle's depth
 
 
 @dataclass(frozen=True)
@@ -308,7 +308,7 @@ class LensWall:
     lattice: Lattice
     background: Background
     bias: Single  # (rows, columns) of the calibration, over the `LensCamera.wall_scale`
-    variance: Single  # of blocks
+    variance: Single  # contrast of blocks
     centre: Index  # (lenses,) the block in the middle of each
     changing: Single  # (lenses,) standard deviation of their own error, likewise
     index: Index  # (n,) pixels of the wall that can have depth
@@ -453,7 +453,7 @@ class LensWall:
         found = self._depths(view, error, blob, contrast[block])[blob]
         depth = lattice.average(block, found) / np.maximum(count, 1e-6)
         body = np.zeros(count.size, np.float32)
-        # Within a body there is no contrast, yet only itself is seen.
+        # A body has no contrast within, yet only itself is seen there.
         body[near] = np.sqrt(own) + 0.1 * noise * covered.take(near)
         return Sight(
             own=body.take(self.centre) ** camera.dominance,

@@ -19,7 +19,7 @@ from kilnflight.simulated.kiln.fuel import are_sheets
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
-DELAY_S = (0.01, 0.05)  # between the landing and the flame; assumption
+DELAY_S = (0.01, 0.05)  # time from the landing to the flame; assumption
 FLICKER_HZ = 8.0  # rate of flames on the wall; assumption
 # Mean times of flames on the wall of sheets and other particles; assumptions
 SHEET_S = 0.15
@@ -32,7 +32,7 @@ class Moment(NamedTuple):
     particle: Index
     position_m: Array  # (m, 3)
     velocity_m_s: Array  # (m, 3)
-    burning: Flags  # with a flame
+    burning: Flags  # has a flame
     landed: Flags
     age_s: Array  # since the release
 
@@ -54,7 +54,7 @@ class Life:
 
     table: pd.DataFrame
     flights: Flights
-    share_on: float  # of a cycle in which a flame on the wall is there
+    share_on: float  # share of a cycle in which a flame on the wall is there
 
     @classmethod
     def of(

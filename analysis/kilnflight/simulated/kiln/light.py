@@ -19,7 +19,7 @@ from kilnflight.simulated.kiln.geometry import FULL_SCALE
 
 # The wall has its level at this shutter, just below the frame period at 330 Hz.
 SHUTTER_S = 2.5e-3
-SINES = 3  # of a flutter
+SINES = 3  # sines that make a flutter
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ class Looks(NamedTuple):
     """What differs between the particles of a scene; arrays (n, ...)."""
 
     level: Array  # unlit, over the wall's; mean over time
-    tumble_hz: Array  # at which it varies
+    tumble_hz: Array  # rate at which it varies
     tumble_phase: Array
-    brightness: Array  # of the flame, about 1
+    brightness: Array  # factor of the flame's light, about 1
     gas_mm: Array  # radius of the burning gas
     strength: Array  # (n, 2) of the flutter of brightness and area
     hertz: Array  # (n, 2, sines)

@@ -19,7 +19,7 @@ from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
 from kilnflight.simulated.kiln.life import Moment
 from kilnflight.simulated.kiln.light import Looks, Optics
 
-VISIBLE_CONTRAST = 3.0  # over the noise, from which a person marks; assumption
+VISIBLE_CONTRAST = 3.0  # a person marks from this contrast over noise; assumption
 VISIBLE_PX = 5  # least number of pixels with that contrast; assumption
 LARGEST_RADIUS = 1.6  # an ellipse is drawn so far, in radii
 MARKED_RADIUS = 1.15  # a person marks an ellipse so far
@@ -294,7 +294,7 @@ def _layers(place: Index, size: int) -> Iterator[npt.NDArray[np.int32]]:
     first = np.empty(size, dtype=np.int32)
     while len(rest):
         there = place.take(rest)
-        first[there[::-1]] = rest[::-1]  # of equal places the last one assigned stays
+        first[there[::-1]] = rest[::-1]  # the last one assigned stays
         farthest = first.take(there) == rest
         yield rest[farthest]
         rest = rest[~farthest]
@@ -304,10 +304,10 @@ class SceneView(NamedTuple):
     """One frame before noise."""
 
     picture: Single
-    moment: Moment  # in the order of the blobs
+    moment: Moment  # particles in the order of the blobs
     blobs: Blobs
     pixels: Pixels
     shown: Flags  # pixels that are labelled as a particle
     visible: Flags  # blobs that a person would mark
-    kinds: Picture  # of the blobs: label 2, 3 or 4
+    kinds: Picture  # label of each blob: 2, 3 or 4
     labels: Picture

@@ -29,7 +29,7 @@ from kilnflight.store.cache import code_hash, locked, make_whole
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
-FRAMES = 160  # of a subset
+FRAMES = 160  # length of a subset
 RATE_HZ = 330.0  # sec. 2.1.4
 PE_RATE_HZ = 153.85
 PE_EXPOSURE_S = 6.0e-3  # small transparent granules need light (sec. 5.2.3)
@@ -85,6 +85,13 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
 
     Particles per second are the trajectories of Table 5.15 over the time in which they
     can have begun: the window and a median dwell time.
+
+    Parameters
+    ----------
+    fraction, pressure_bar
+        As in the thesis: 4.5 or 5 bar.
+    seed
+        Another seed gives other particles in the same kiln.
     """
     rate = RATE_HZ
     optics = Optics()
@@ -115,8 +122,24 @@ def started_and_whole(
     """Count the flights that start within so many frames of each start, and whole ones.
 
     The lance releases both in these frames. The first fly for ``lasting`` frames of
-    them, the second end in them as well. 15 is the time of
-    `kilnflight.experiments.flights.track_scores.lasting`.
+    them, the second end in them as well.
+
+    Parameters
+    ----------
+    twin
+        Its flights are counted.
+    starts
+        First frames of the windows (n,).
+    length
+        Frames of each window.
+    lasting
+        Least number of frames; 15 is that of
+        `kilnflight.experiments.flights.track_scores.lasting`.
+
+    Returns
+    -------
+    started, whole : array (n,)
+        Flights that start in each window, and those of them that also end in it.
     """
     begin = np.asarray(starts)[:, None]
     table = twin.life.table
@@ -141,8 +164,14 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     few may be too faint to be followed by hand.
 
     In a window shorter than a median flight few can be whole. That is so for the 100
-    frames of paper shreds, or 0.3 s. There all flights that start count. With
-    ``by_starts`` they count in all windows, cut or not.
+    frames of paper shreds, or 0.3 s. There all flights that start count.
+
+    Parameters
+    ----------
+    twin
+        A campaign.
+    by_starts
+        All flights that start count in all windows, cut or not.
     """
     fraction = twin.scene.fraction
     trajectories, length = WINDOWS[fraction]
@@ -285,7 +314,7 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
             still: Any = twin.still()
             make_whole(path, lambda part: np.savez(part, **still))
     try:
-        with np.load(path) as kept:  # without objects: a file cannot run code
+        with np.load(path) as kept:  # loads no objects: a file cannot run code
             twin.recall(dict(kept))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise InputError(f"{path}: cannot be read ({error}). Delete it.") from error

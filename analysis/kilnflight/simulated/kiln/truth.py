@@ -33,7 +33,13 @@ CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall
 
 
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
-    """Return both tables of the truth by name, for all frames or some."""
+    """Return the tables `particles` and `sightings`, of all frames or some.
+
+    Raises
+    ------
+    InputError
+        If the recording has not all of these frames.
+    """
     if frames is None:
         frames = range(len(twin))
     if not frames or frames[0] < 0 or frames[-1] >= len(twin):
@@ -66,9 +72,8 @@ def particles(twin: Twin) -> pd.DataFrame:
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     """Return what a person marks in frames.
 
-    That is the `sightings` that are visible and in the ROI, without ``has_depth``.
-
-    The evaluation of detectors counts nothing else (section 5.1.3).
+    That is the `sightings` that are visible and in the region of interest, without
+    ``has_depth``. The evaluation of detectors counts nothing else (section 5.1.3).
     """
     return _join_marks(_see(twin, t, twin.view(t)) for t in frames)
 
