@@ -7,15 +7,13 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Integers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
-from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.inputs import Scene
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
 from kilnflight.simulated.kiln.life import Life, Moment
 
@@ -65,70 +63,33 @@ def handfuls(
     return starts[handful] + lasting[handful] * generator.beta(2.0, 2.0, count)
 
 
-def feed_campaign(
-    run: tuple[str, float],
-    release_s: Array,
-    geometry: Geometry,
-    share_on: float,
-    generator: np.random.Generator,
-) -> Life:
-    """Return the particles of a campaign.
-
-    Parameters
-    ----------
-    run
-        Fraction, and pressure in bar.
-    release_s
-        When each particle leaves the lance (n,), in s from the first frame.
-    geometry
-        Of kiln and camera.
-    share_on
-        Share of the time in which a flame on the wall is there.
-    generator
-        Draws the particles.
-    """
-    count = len(release_s)
-    table = FRACTIONS[run[0]].draw(count, generator).assign(release_s=release_s)
-    flights = fly(LAWS[run], count, geometry, generator)
-    return Life.of(table, flights, geometry, share_on, generator)
+def feed_campaign(scene: Scene) -> Life:
+    """Draw the particles of a campaign, fed in handfuls."""
+    generator = np.random.default_rng([scene.seed, 0])
+    duration_s = scene.frames / scene.frame_rate_hz
+    release_s = handfuls(scene.count, scene.handful, duration_s, generator)
+    table = FRACTIONS[scene.fraction].draw(scene.count, generator)
+    table = table.assign(release_s=release_s)
+    law = LAWS[scene.fraction, scene.pressure_bar]
+    flights = fly(law, scene.count, scene.geometry, generator)
+    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
 
 
-def feed_subset(
-    counts: Mapping[int, tuple[int, int]],
-    times_s: Sequence[float],
-    roi: tuple[tuple[float, float], ...],
-    geometry: Geometry,
-    share_on: float,
-    generator: np.random.Generator,
-) -> Life:
-    """Return the particles of a labelled subset.
+def feed_subset(scene: Scene) -> Life:
+    """Draw the particles of a labelled subset.
 
     Candidates of all fractions fly by the laws of 4.5 bar, released up to 1 s before
     the middle labelled frame. Of those in each class and in the picture then, as many
     are fed as give at most the printed number of labels in all labelled frames. So who
     burns is an input, and the kiln is that of the campaigns.
-
-    Parameters
-    ----------
-    counts
-        By class of Table 5.1: labels within the region of interest, and outside it.
-    times_s
-        Times of the labelled frames.
-    roi
-        Vertices (row, col) of the region of interest.
-    geometry
-        Of kiln and camera.
-    share_on
-        Share of the time in which a flame on the wall is there.
-    generator
-        Draws the particles.
     """
-    middle = len(times_s) // 2
-    everyone = _draw_candidates(times_s[middle], geometry, share_on, generator)
-    labels, within = _label(everyone, times_s, roi, geometry)
+    generator = np.random.default_rng([scene.seed, 0])
+    middle = len(LABELLED) // 2
+    everyone = _draw_candidates(LABELLED[middle], scene, generator)
+    labels, within = _label(everyone, scene)
     fraction = everyone.table["fraction"].to_numpy()
     chosen = []
-    for label, (inner, outer) in counts.items():
+    for label, (inner, outer) in scene.labelled:
         shown = (labels == label).sum(axis=0)
         for near, count in ((True, inner), (False, outer)):
             there = (labels[middle] == label) & (within[middle] == near)
@@ -143,46 +104,40 @@ def feed_subset(
                 chosen.append(rows[:taken])
     rows = np.sort(np.concatenate(chosen))
     fed = everyone.table.iloc[rows].assign(particle=np.arange(len(rows)))
-    return Life(fed.reset_index(drop=True), everyone.flights.take(rows), share_on)
+    flights = everyone.flights.take(rows)
+    return Life(fed.reset_index(drop=True), flights, scene.optics.share_on)
 
 
-def _draw_candidates(
-    latest_s: float,
-    geometry: Geometry,
-    share_on: float,
-    generator: np.random.Generator,
-) -> Life:
-    """Draw particles of all fractions, released up to 1 s before a time."""
+def _draw_candidates(t: int, scene: Scene, generator: np.random.Generator) -> Life:
+    """Draw particles of all fractions, released up to 1 s before frame ``t``."""
+    geometry = scene.geometry
     tables = []
     flights = []
     for name, kind in FRACTIONS.items():
-        release_s = latest_s - generator.random(CANDIDATES)
+        release_s = t / scene.frame_rate_hz - generator.random(CANDIDATES)
         tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
         flights.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
     table = pd.concat(tables, ignore_index=True)
-    return Life.of(table, Flights.joined(flights), geometry, share_on, generator)
+    joined = Flights.joined(flights)
+    return Life.of(table, joined, geometry, scene.optics.share_on, generator)
 
 
-def _label(
-    life: Life,
-    times_s: Sequence[float],
-    roi: tuple[tuple[float, float], ...],
-    geometry: Geometry,
-) -> tuple[Integers, Flags]:
-    """Return class (0: not seen) and place of particles at some times.
+def _label(life: Life, scene: Scene) -> tuple[Integers, Flags]:
+    """Return class (0: not seen) and place of particles in the labelled frames.
 
-    Both are (times, particles); the second is True within the region of interest.
+    Both are (frames, particles); the second is True within the region of interest.
     """
-    labels = np.zeros((len(times_s), len(life.table)), np.int8)
+    geometry = scene.geometry
+    labels = np.zeros((len(LABELLED), len(life.table)), np.int8)
     within = np.zeros(labels.shape, np.bool_)
-    for k, time_s in enumerate(times_s):
-        moment = life.at(time_s)
+    for k, t in enumerate(LABELLED):
+        moment = life.at(t / scene.frame_rate_hz)
         row, col = geometry.project(geometry.to_camera(moment.position_m))
         seen = moment.burning | ~moment.landed  # only flames are seen on the wall
         seen &= (row >= 0) & (row < geometry.rows)
         seen &= (col >= 0) & (col < geometry.columns)
         labels[k, moment.particle] = class_of(moment) * seen
-        within[k, moment.particle] = inside(roi, row, col)
+        within[k, moment.particle] = inside(scene.roi, row, col)
     return labels, within
 
 

@@ -1,4 +1,4 @@
-"""A scene: who is fed, kiln and camera; and its recording.
+"""The recording of a scene.
 
 A `Scene` is a few parameters and a seed. `Twin` is its recording. Each frame is
 rendered on demand from the seed and its number alone. So frames come in any order and
@@ -7,7 +7,7 @@ from any process, and nothing grows with the length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,18 +18,13 @@ from numba import njit
 from kilnflight.arrays import Array, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
-from kilnflight.simulated.kiln.background import Background, Interior
-from kilnflight.simulated.kiln.feeding import (
-    LABELLED,
-    class_of,
-    feed_campaign,
-    feed_subset,
-    handfuls,
-)
-from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
-from kilnflight.simulated.kiln.lenses import LensCamera, LensWall, Sight
+from kilnflight.simulated.kiln.background import Background
+from kilnflight.simulated.kiln.feeding import class_of, feed_campaign, feed_subset
+from kilnflight.simulated.kiln.geometry import FULL_SCALE
+from kilnflight.simulated.kiln.inputs import Scene
+from kilnflight.simulated.kiln.lenses import LensWall, Sight
 from kilnflight.simulated.kiln.life import Life
-from kilnflight.simulated.kiln.light import Looks, Optics, draw_looks
+from kilnflight.simulated.kiln.light import Looks, draw_looks
 from kilnflight.simulated.kiln.picture import (
     Bodies,
     SceneView,
@@ -41,61 +36,6 @@ from kilnflight.simulated.kiln.picture import (
 
 LEAST_DEPTH_MM = 300.0  # nearer particles fill the picture or are behind the camera
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
-
-
-@dataclass(frozen=True)
-class Scene:
-    """Everything that determines a recording of the twin.
-
-    A campaign has a ``fraction`` and a ``count`` of particles, a labelled subset
-    ``labelled``.
-
-    Parameters
-    ----------
-    name
-        Of the recording.
-    frames
-        Number of frames.
-    seed
-        Of all random numbers but the calibration's.
-    frame_rate_hz
-        Frames per second; 153.85 for PE granules (section 5.2.3).
-    fraction, pressure_bar
-        Of a campaign.
-    count
-        Particles that are fed.
-    handful
-        Mean number of particles in a handful; assumption.
-    labelled
-        By class of Table 5.1 the labels within the region of interest and outside it,
-        in ten frames.
-    calibration
-        Seed of the depth camera's calibration: one for all recordings of a camera.
-    geometry, optics, interior, depth
-        Kiln and camera, light, regions of the picture, and the depth camera.
-    """
-
-    name: str
-    frames: int
-    seed: int
-    frame_rate_hz: float = 330.0
-    fraction: str = "mixed"
-    pressure_bar: float = 4.5
-    count: int = 0
-    handful: float = 6.0
-    labelled: tuple[tuple[int, tuple[int, int]], ...] = ()
-    calibration: int = 0
-    geometry: Geometry = field(default_factory=Geometry)
-    optics: Optics = field(default_factory=Optics)
-    interior: Interior = field(default_factory=Interior)
-    depth: LensCamera = field(default_factory=LensCamera)
-
-    @property
-    def roi(self) -> tuple[tuple[float, float], ...]:
-        """Vertices (row, col) of the region of interest in px."""
-        rows = self.geometry.rows
-        columns = self.geometry.columns
-        return tuple((row * rows, col * columns) for row, col in self.interior.roi)
 
 
 @dataclass(frozen=True)
@@ -149,18 +89,9 @@ class Twin:
     @cached_property
     def life(self) -> Life:
         """All particles, drawn once."""
-        scene = self.scene
-        generator = np.random.default_rng([scene.seed, 0])
-        place = scene.geometry
-        share_on = scene.optics.share_on
-        if scene.labelled:
-            times = [self.time_s(t) for t in LABELLED]
-            counts = dict(scene.labelled)
-            return feed_subset(counts, times, scene.roi, place, share_on, generator)
-        duration_s = scene.frames / scene.frame_rate_hz
-        release_s = handfuls(scene.count, scene.handful, duration_s, generator)
-        run = (scene.fraction, scene.pressure_bar)
-        return feed_campaign(run, release_s, place, share_on, generator)
+        if self.scene.labelled:
+            return feed_subset(self.scene)
+        return feed_campaign(self.scene)
 
     @cached_property
     def _bodies(self) -> Bodies:
