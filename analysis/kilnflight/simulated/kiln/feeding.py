@@ -110,16 +110,15 @@ def feed_subset(scene: Scene) -> Life:
 
 def _draw_candidates(t: int, scene: Scene, generator: np.random.Generator) -> Life:
     """Draw particles of all fractions, released up to 1 s before frame ``t``."""
-    geometry = scene.geometry
     tables = []
-    flights = []
+    parts = []
     for name, kind in FRACTIONS.items():
         release_s = t / scene.frame_rate_hz - generator.random(CANDIDATES)
         tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
-        flights.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
+        parts.append(fly(LAWS[name, 4.5], CANDIDATES, scene.geometry, generator))
     table = pd.concat(tables, ignore_index=True)
-    joined = Flights.joined(flights)
-    return Life.of(table, joined, geometry, scene.optics.share_on, generator)
+    flights = Flights._make(np.concatenate(each) for each in zip(*parts, strict=True))
+    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
 
 
 def _label(life: Life, scene: Scene) -> tuple[Integers, Flags]:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -217,11 +217,6 @@ class Flights(NamedTuple):
     def take(self, rows: npt.NDArray[np.generic]) -> Flights:
         """Return the flights of some particles, by a mask or their rows."""
         return Flights._make(part[rows] for part in self)
-
-    @classmethod
-    def joined(cls, parts: list[Flights]) -> Self:
-        """Return several flights as one, one after the other."""
-        return cls._make(np.concatenate(each) for each in zip(*parts, strict=True))
 
     def along(self, t: Array) -> Array:
         """Return s in m at times t (..., n)."""
