@@ -1,4 +1,4 @@
-"""Flights: the printed numbers that were put in, closed forms, landing on the cylinder."""
+"""Flights: the printed numbers that were put in, closed forms, landing."""
 
 from dataclasses import replace
 

@@ -12,15 +12,14 @@ def blobs(row, column, half, brightness=20_000.0, adds=True, softness=0.05):
     shape = np.diag([float(half[0]) ** 2, float(half[1]) ** 2])[None]
     single = np.array([float(row)])
     return Blobs(
-        np.array([0]),
-        single,
-        np.array([float(column)]),
-        shape,
-        np.array([brightness]),
-        np.array([adds]),
-        np.array([softness]),
-        np.ones(1),
-        np.array([5000.0]),
+        row=single,
+        column=np.array([float(column)]),
+        spread_px2=shape,
+        brightness=np.array([brightness]),
+        passes=np.array([adds]),
+        softness=np.array([softness]),
+        dilution=np.ones(1),
+        depth_mm=np.array([5000.0]),
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames of the twin: any order, any process, labels and depth as the truth has them."""
+"""Frames of the twin: any order, any process, labels and depth of the truth."""
 
 import hashlib
 import os
@@ -98,7 +98,7 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
     name = "wood-chip-4.5-bar@small"
     first = scenes.cached_scene(name)
     monkeypatch.setattr(
-        "kilnflight.simulated.kiln.scene.LensWall.of",
+        "kilnflight.simulated.kiln.lenses._choose_textured",
         lambda *_: pytest.fail("worked out again"),
     )
     kept = scenes.cached_scene(name)
@@ -111,7 +111,7 @@ def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contra
     camera, interior = LensCamera(), Interior()
     background = Background(Geometry(), Optics(), interior, 23)
     bias = camera.calibration(1536, 2048, 0)
-    wall = LensWall.of(camera, background, Optics(), interior.edge_px, bias)
+    wall = LensWall.of(camera, background, bias)
     assert len(wall.index) == int(camera.wall_points / camera.kept_per_frame)
     assert (np.diff(wall.index) > 0).all()
 

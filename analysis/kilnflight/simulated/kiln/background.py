@@ -18,59 +18,65 @@ import cv2
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Single
-from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
+from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, meet_tube
 from kilnflight.simulated.kiln.light import Optics
 
-ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
+ROWS = 8  # rays of so many rows at once fit the cache
+FULL_COLUMNS = 2048  # columns of the full camera, for which sizes in px are
 # Cells around and along the wall of each scale of its texture, and its weight
 TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
 TEXTURE_SD = 0.085  # relative; 10 K of a wall of 1423 K in the band of the sensor
 PLATE = 0.47  # level of the inlet plate over the wall's
-WAVES = 12  # of the flicker's frequencies
-FLICKER = 0.012
-FLICKER_S = 0.15  # of hot gas, relative and local, and its time
-FLICKER_BLOCK = (
-    16  # pixels of a flicker's value, full camera; it is smooth over many of them
-)
-FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera
-COMMON = 0.015
-COMMON_HZ = (1.0, 30.0)  # of the whole picture (burner), relative, and its rates
+WAVES = 12  # frequencies of the flicker
+FLICKER = 0.012  # relative strength of the flicker of hot gas
+FLICKER_S = 0.15  # its time
+FLICKER_BLOCK = 16  # px that share a value of the flicker; it is smooth over many
+FLICKER_PX = 60.0  # px over which hot gas bends light alike
+COMMON = 0.015  # relative flicker of the whole picture, by the burner
+COMMON_HZ = (1.0, 30.0)  # its rates
 EDGE_STRENGTH = 0.10  # relative, of micro-lens artefacts
-FULL_COLUMNS = 2048
-LANCE_MM = 34.0
-BORE_MM = 20.0  # radii; a bore of 40 mm is printed (sec. 2.1.1)
-TUBE_MM = 70.0
-NOZZLE_MM = 42.0  # radii of the burner
-STEEL = 0.30
-COLD = 0.12  # levels of cooled steel and of a cold bore over the wall's
-NOZZLE = (0.40, 0.88)  # of the burner, as share of rows and columns of its rectangle
-NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m
-FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame, full camera
-FLAME_LEVEL = 1.3  # over full scale
+LANCE_MM = 34.0  # outer radius of the lance
+BORE_MM = 20.0  # radius of its bore; 40 mm across are printed (sec. 2.1.1)
+TUBE_MM = 70.0  # outer radius of the burner
+NOZZLE_MM = 42.0  # radius of its nozzle
+STEEL = 0.30  # level of cooled steel over the wall's
+COLD = 0.12  # level of a cold bore over the wall's
+NOZZLE = (0.40, 0.88)  # place of the burner in rows and columns of its rectangle
+NOZZLE_DEPTH_MM = 7300.0  # "partly inside the rotary kiln": 1.7 m (sec. 3.1)
+FLAME_PX = (280.0, 100.0)  # length and width of the burner's flame
+FLAME_LEVEL = 1.3  # grey value over full scale
 FLAME_EDGE = 0.05  # width of its edge over its radius
-# Of a spot of clutter: Gaussian radius in px, full camera; its cycle, and the share
-# with light
-CLUTTER_PX = (2.0, 6.0)
-CLUTTER_S = (0.6, 1.6)
-CLUTTER_SHARE = 0.25
+CLUTTER_PX = (2.0, 6.0)  # Gaussian radius of a spot of clutter
+CLUTTER_S = (0.6, 1.6)  # cycle in which it comes and goes
+CLUTTER_SHARE = 0.25  # share of the cycle in which it shines
 
 
 @dataclass(frozen=True)
 class Interior:
-    """Regions of the picture, as a recording states them."""
+    """Regions of the picture, as a recording states them.
 
-    # Rectangle of the burner's flame: first row, last row, first column, last column.
+    Parameters
+    ----------
+    flame_roi
+        Rectangle of the burner's flame in px: first row, last row, first column, last
+        column.
+    edge_px
+        Width of the border with micro-lens artefacts (section 5.1.2).
+    clutter
+        Mean number of spots in a frame that come and go: "light reflection" and
+        residues of the background (section 3.1); assumption.
+    clutter_gray
+        Mean of their largest grey values, exponential; identified.
+    roi
+        Polygon of the region of interest, as share of rows and columns. It is not
+        published and set by Table 5.3 (an input), which keeps nine tenths in air and
+        half of those on the wall.
+    """
+
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
-    edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
-    # Spots that come and go: "light reflection" and residues of the background (sec.
-    # 3.1).
-    clutter: float = 80.0  # mean number in a frame; assumption
-    clutter_gray: float = (
-        2500.0  # mean of their largest grey values, exponential; identified
-    )
-    # Polygon of the region of interest, as share of rows and columns: not published,
-    # set by Table 5.3 (an input), which keeps nine tenths in air and half of those on
-    # the wall.
+    edge_px: int = 90
+    clutter: float = 80.0
+    clutter_gray: float = 2500.0
     roi: tuple[tuple[float, float], ...] = (
         (0.07, 0.10),
         (0.07, 0.90),
@@ -81,22 +87,17 @@ class Interior:
     )
 
 
-def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield `ROWS` rows of the picture at a time, with row and column of their pixels."""
+def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Index, Index]]:
+    """Yield `ROWS` rows of the picture at a time, with row and column of pixels."""
+    column = np.arange(geometry.columns)
     for first in range(0, geometry.rows, ROWS):
-        rows = slice(first, min(first + ROWS, geometry.rows))
-        row, column = np.indices(
-            (rows.stop - first, geometry.columns), dtype=np.float64
-        )
-        yield rows, row + first, column
+        last = min(first + ROWS, geometry.rows)
+        yield slice(first, last), np.arange(first, last)[:, None], column
 
 
 @lru_cache(maxsize=1)
 def _depth_mm(geometry: Geometry) -> Array:
-    """Return the depth at which each pixel meets wall or plate.
-
-    It is (rows, columns) and read-only.
-    """
+    """Return the depth (rows, columns) at which rays meet wall or plate; read-only."""
     depth = np.empty((geometry.rows, geometry.columns))
     for rows, row, column in _blocks(geometry):
         depth[rows] = geometry.wall_depth(row, column)
@@ -108,47 +109,44 @@ def _see_tube(
     geometry: Geometry,
     mouth_m: Array,
     radii_mm: tuple[float, float],
-    row: Array,
-    column: Array,
+    row: Index,
+    column: Index,
 ) -> tuple[Array, Array]:
-    """Return depth in mm (infinite beside it) and level over the wall's of a tube at
-    pixels.
+    """Return depth in mm and level over the wall's of a tube at pixels.
 
-    It lies along the kiln's axis from the inlet to its mouth (3,), with an outer radius
-    and a bore. The camera sees the mouth, and the side that is turned to it.
+    The tube lies along the kiln's axis from the inlet to its mouth (3,), with an outer
+    radius and a bore. The camera sees the mouth, and the side that is turned to it.
+    Depth is infinite beside it.
     """
-    ray = geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
-    start = -geometry.origin_mm @ geometry.axes.T - 1000.0 * mouth_m
+    camera_mm, ray = geometry.rays(row, column)
+    start = camera_mm - 1000.0 * mouth_m
     radius, bore = radii_mm
     with np.errstate(divide="ignore", invalid="ignore"):
         mouth = -start[0] / ray[..., 0]
-        a = (ray[..., 1:] ** 2).sum(axis=-1)
-        b = (ray[..., 1:] * start[1:]).sum(axis=-1)
-        root = np.sqrt(b**2 - a * ((start[1:] ** 2).sum() - radius**2))
+        a, b, root = meet_tube(start, ray, radius)
         side = (-b - root) / a
-    across = start[1:] + mouth[..., None] * ray[..., 1:]
-    from_centre = np.hypot(across[..., 0], across[..., 1])
+    from_centre = np.hypot(
+        start[1] + mouth * ray[..., 1], start[2] + mouth * ray[..., 2]
+    )
     along = start[0] + side * ray[..., 0]
     inlet = 1000.0 * (geometry.inlet_m - mouth_m[0])
     on_mouth = from_centre <= radius
     on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
     depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
-    # the side is the darker, the less it faces the camera
-    facing = np.nan_to_num(root / np.sqrt(np.maximum(a, 1e-12)) / radius)
+    # The side is the darker, the less it faces the camera.
+    facing = np.nan_to_num(root / np.sqrt(a) / radius)
     rim = np.where(from_centre <= bore, COLD, STEEL)
     return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
 
 
 @lru_cache(maxsize=1)  # the scenes of a run have the same ones
-def _see_tubes(geometry: Geometry, *nozzle_m: float) -> tuple[Array, Array]:
-    """Return depth in mm and level over the wall's of lance and burner, (rows, columns)
-    each.
+def _see_tubes(geometry: Geometry, nozzle_m: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return depth in mm and level over the wall's of lance and burner.
 
-    The mouth of the burner is at ``nozzle_m`` (3,) in kiln coordinates.
+    Both are (rows, columns). The mouth of the burner is in kiln coordinates.
     """
-    depth, level = (
-        np.full((geometry.rows, geometry.columns), value) for value in (np.inf, 0.0)
-    )
+    depth = np.full((geometry.rows, geometry.columns), np.inf)
+    level = np.zeros(depth.shape)
     tubes = (
         (geometry.lance_m, (LANCE_MM, BORE_MM)),
         (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM)),
@@ -171,10 +169,8 @@ def _edges(rows: int, columns: int, edge_px: int) -> Single:
     near = np.minimum(row, rows - 1 - row)
     inside = np.minimum(near, np.minimum(column, columns - 1 - column))
     k = 2 * np.pi / 23.0  # px between micro-lens images
-    pattern = sum(
-        np.cos(k * (c * column + s * row))
-        for c, s in ((1, 0), (0.5, 0.866), (0.5, -0.866))
-    )
+    directions = ((1, 0), (0.5, 0.866), (0.5, -0.866))
+    pattern = sum(np.cos(k * (c * column + s * row)) for c, s in directions)
     return np.asarray(np.clip(1 - inside / edge_px, 0, 1) * pattern / 3, np.float32)
 
 
@@ -186,9 +182,8 @@ def _sines(
     low, high = np.log(limits_hz)
     hertz = np.exp(generator.uniform(low, high, (3, 6)))
     phase = generator.uniform(0, 2 * np.pi, (3, 6))
-    return np.asarray(
-        np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=1) / np.sqrt(3)
-    )
+    waves = np.cos(2 * np.pi * hertz * time_s + phase)
+    return waves.sum(axis=1) / np.sqrt(3)
 
 
 class Clutter(NamedTuple):
@@ -196,7 +191,7 @@ class Clutter(NamedTuple):
 
     corner: Index  # (n, 2) row and column of the first pixel
     spot: Single  # (n, side, side) grey values when it is brightest
-    hertz: Array  # of the cycle in which each comes and goes
+    hertz: Array  # rate at which each comes and goes
     phase: Array  # share of a cycle
 
 
@@ -210,7 +205,7 @@ class Background:
     seed: int
 
     def _texture(self, around: Array, along: Array) -> Array:
-        """Return smooth noise of unit variance over angle and length, at four scales."""
+        """Return smooth noise of unit variance over angle and length at four scales."""
         total = np.zeros(around.shape)
         power = 0.0
         for (cells, weight), noise in zip(TEXTURE, self._fields, strict=True):
@@ -235,100 +230,102 @@ class Background:
     def nozzle_m(self) -> Array:
         """Mouth of the burner in kiln coordinates, (3,)."""
         top, bottom, left, right = self.interior.flame_roi
-        pixel = top + NOZZLE[0] * (bottom - top), left + NOZZLE[1] * (right - left)
-        return self.geometry.to_kiln(self.geometry.unproject(*pixel, NOZZLE_DEPTH_MM))
+        row = top + NOZZLE[0] * (bottom - top)
+        column = left + NOZZLE[1] * (right - left)
+        place_mm = self.geometry.unproject(row, column, NOZZLE_DEPTH_MM)
+        return self.geometry.to_kiln(place_mm)
+
+    @property
+    def _tubes(self) -> tuple[Array, Array]:
+        return _see_tubes(self.geometry, tuple(self.nozzle_m))
 
     @cached_property
     def solid_mm(self) -> Single:
-        """Depth of lance and burner, (rows, columns); infinite where there is neither."""
-        return _see_tubes(self.geometry, *self.nozzle_m)[0].astype(np.float32)
+        """Depth (rows, columns) of lance and burner; infinite where neither is."""
+        return self._tubes[0].astype(np.float32)
 
-    @property
-    def depth_mm(self) -> Array:
+    @cached_property
+    def depth_mm(self) -> Single:
         """True depth of wall, plate, lance and burner, (rows, columns)."""
-        return np.minimum(_depth_mm(self.geometry), self.solid_mm)
+        depth = np.minimum(_depth_mm(self.geometry), self.solid_mm)
+        return depth.astype(np.float32)
 
     @cached_property
     def level(self) -> Single:
-        """Grey values of wall, plate and tubes, (rows, columns), without flicker and
-        noise.
-        """
-        wall_mm = _depth_mm(self.geometry)
-        tube_mm, shade = _see_tubes(self.geometry, *self.nozzle_m)
+        """Grey values (rows, columns) of wall, plate and tubes, without flicker."""
+        geometry = self.geometry
+        wall_mm = _depth_mm(geometry)
         level = np.empty(wall_mm.shape)
-        for rows, row, column in _blocks(self.geometry):
-            point = self.geometry.to_kiln(
-                self.geometry.unproject(row, column, wall_mm[rows])
-            )
-            angle = np.arctan2(point[..., 2], point[..., 1])
-            texture = self._texture(
-                angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4
-            )
-            plate = point[..., 0] <= self.geometry.inlet_m + 0.01
-            level[rows] = np.where(plate, PLATE, np.exp(TEXTURE_SD * texture))
+        for rows, row, column in _blocks(geometry):
+            point = geometry.to_kiln(geometry.unproject(row, column, wall_mm[rows]))
+            s, y, z = np.moveaxis(point, -1, 0)
+            around = np.arctan2(z, y) / (2 * np.pi) + 0.5
+            wall = np.exp(TEXTURE_SD * self._texture(around, s / 8.4 + 0.4))
+            level[rows] = np.where(s <= geometry.inlet_m + 0.01, PLATE, wall)
+        tube_mm, shade = self._tubes
         level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
-        down, over = (
-            np.linspace(-1, 1, n) for n in (self.geometry.rows, self.geometry.columns)
-        )
-        level *= (
-            1.0 - 0.12 * (down[:, None] ** 2 + (4 / 3 * over) ** 2) / 2.78
-        )  # vignetting
+        down = np.linspace(-1, 1, geometry.rows)[:, None]
+        over = 4 / 3 * np.linspace(-1, 1, geometry.columns)
+        level *= 1.0 - 0.12 * (down**2 + over**2) / 2.78  # vignetting
         blur = self.optics.edge_softness_px
         return cv2.GaussianBlur(level, (0, 0), blur).astype(np.float32)
 
-    def _burn(self, picture: Single, time_s: float) -> None:
-        """Draw the burner's flame: an ellipse that begins at the nozzle, away from the
-        lance.
-        """
-        top, bottom, left, right = self.interior.flame_roi
+    @cached_property
+    def _flame(self) -> tuple[Array, Array]:
+        """Nozzle (2,) and direction (2,) of the burner's flame: rows and columns."""
         ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
-        (row0, row1), (col0, col1) = self.geometry.project(
-            self.geometry.to_camera(ends_m)
-        )
-        down, over = np.array([row1 - row0, col1 - col0]) / np.hypot(
-            row1 - row0, col1 - col0
-        )
-        moves = 1 + np.array([0.035, 0.035, 0.08]) * _sines(
-            self.seed, 106, (3.0, 17.0), time_s
-        )
-        length, width = (
-            np.array(FLAME_PX) * moves[:2] * self.geometry.columns / FULL_COLUMNS
-        )
-        # farther out it adds less than 32 bits resolve at grey values above 64
-        axes = np.array([[down, over], [over, down]]) * [[length / 2], [width / 2]]
-        middle = axes[0] + (row0, col0)
-        reach = (1 + 6 * FLAME_EDGE) * np.hypot(*axes)
-        top, left = np.maximum(middle - reach, (top, left)).astype(int)
-        bottom, right = np.minimum(middle + reach + 2, (bottom, right)).astype(int)
-        row = np.arange(top, bottom)[:, None] - row0 - down * length / 2
-        column = np.arange(left, right) - col0 - over * length / 2
+        ends = self.geometry.project(self.geometry.to_camera(ends_m))
+        nozzle, end = np.transpose(ends)
+        return nozzle, (end - nozzle) / np.hypot(*(end - nozzle))
+
+    def _burn(self, picture: Single, time_s: float) -> None:
+        """Draw the burner's flame: an ellipse from the nozzle away from the lance."""
+        top, bottom, left, right = self.interior.flame_roi
+        nozzle, direction = self._flame
+        sines = _sines(self.seed, 106, (3.0, 17.0), time_s)
+        moves = 1 + np.array([0.035, 0.035, 0.08]) * sines
+        length, width = np.array(FLAME_PX) * moves[:2] * self._scale
+        ahead = direction * length / 2
+        # Farther out it adds less than 32 bits resolve at grey values above 64.
+        reach = (1 + 6 * FLAME_EDGE) * np.hypot(ahead, direction[::-1] * width / 2)
+        first = np.maximum(nozzle + ahead - reach, (top, left)).astype(int)
+        last = np.minimum(nozzle + ahead + reach + 2, (bottom, right)).astype(int)
+        box = np.s_[first[0] : last[0], first[1] : last[1]]
+        row, column = np.ogrid[box]
+        row = row - nozzle[0] - ahead[0]
+        column = column - nozzle[1] - ahead[1]
+        down, over = direction
         along = (row * down + column * over) / (length / 2)
         across = (column * down - row * over) / (width / 2)
         edge = 4 * (np.hypot(along, across) - 1) / FLAME_EDGE
         share = (1 / (1 + np.exp(edge))).astype(np.float32)
-        behind = picture[top:bottom, left:right]
-        behind += share * (np.float32(FLAME_LEVEL * FULL_SCALE * moves[2]) - behind)
+        level = np.float32(FLAME_LEVEL * FULL_SCALE * moves[2])
+        picture[box] += share * (level - picture[box])
+
+    @property
+    def _scale(self) -> float:
+        """Share of the full camera's resolution."""
+        return self.geometry.columns / FULL_COLUMNS
 
     @cached_property
     def _clutter(self) -> Clutter:
         count = round(self.interior.clutter / CLUTTER_SHARE)
         generator = np.random.default_rng([self.seed, 107])
-        scale = self.geometry.columns / FULL_COLUMNS
-        radius = generator.uniform(*CLUTTER_PX, (count, 1, 1)) * scale
-        reach = int(3 * CLUTTER_PX[1] * scale)
+        radius = generator.uniform(*CLUTTER_PX, (count, 1, 1)) * self._scale
+        reach = int(3 * CLUTTER_PX[1] * self._scale)
         size = np.array([self.geometry.rows, self.geometry.columns])
         centre = reach + generator.random((count, 2)) * (size - 2 * reach - 1)
         corner = np.round(centre).astype(np.intp) - reach
         offset = np.arange(2 * reach + 1) - (centre - corner)[:, :, None]
         profile = np.exp(-((offset / radius) ** 2) / 2)
+        down = profile[:, 0, :, None]
+        over = profile[:, 1, None, :]
         mean = self.interior.clutter_gray * self.optics.exposure
         gray = generator.exponential(mean, (count, 1, 1))
         low, high = np.log(CLUTTER_S)
         return Clutter(
             corner=corner,
-            spot=(gray * profile[:, 0, :, None] * profile[:, 1, None, :]).astype(
-                np.float32
-            ),
+            spot=(gray * down * over).astype(np.float32),
             hertz=np.exp(-generator.uniform(low, high, count)),
             phase=generator.random(count),
         )
@@ -343,57 +340,46 @@ class Background:
             row, column = corner[k]
             picture[row : row + side, column : column + side] += share[k] * spot[k]
 
+    @property
+    def _block(self) -> int:
+        return int(FLICKER_BLOCK * self._scale)
+
+    @property
+    def _cells(self) -> tuple[int, int]:
+        rows = -(-self.geometry.rows // self._block)
+        return rows, -(-self.geometry.columns // self._block)
+
     @cached_property
     def _patterns(self) -> tuple[Array, Single]:
-        """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the
-        flicker.
-        """
+        """Frequencies (waves,) in Hz and patterns (2 waves, cells) of the flicker."""
         generator = np.random.default_rng([self.seed, 105])
         corner = 1 / (2 * np.pi * FLICKER_S)
         strata = (np.arange(WAVES) + generator.uniform(0, 1, WAVES)) / WAVES
-        size = self._cells
-        spread = FLICKER_PX * self.geometry.columns / FULL_COLUMNS / self._block
-        noise = generator.normal(size=(2 * WAVES, *size)).astype(np.float32)
+        spread = FLICKER_PX * self._scale / self._block
+        noise = generator.normal(size=(2 * WAVES, *self._cells)).astype(np.float32)
         smooth = np.stack([cv2.GaussianBlur(one, (0, 0), spread) for one in noise])
         smooth *= FLICKER / (smooth.std() * np.sqrt(WAVES))
         return corner * np.tan(np.pi / 2 * strata), smooth.reshape(2 * WAVES, -1)
 
-    @property
-    def _block(self) -> int:
-        return max(1, FLICKER_BLOCK * self.geometry.columns // FULL_COLUMNS)
-
-    @property
-    def _cells(self) -> tuple[int, int]:
-        return -(-self.geometry.rows // self._block), -(
-            -self.geometry.columns // self._block
-        )
-
-    def _local(self, time_s: float) -> Single:
+    def _flicker(self, time_s: float) -> Single:
         """Return the flicker of hot gas (rows, columns): positive factors about 1."""
         hertz, patterns = self._patterns
         angle = 2 * np.pi * hertz * time_s
         weights = np.concatenate([np.cos(angle), np.sin(angle)]).astype(np.float32)
-        # not by BLAS, whose sums depend on how many threads it has
+        # BLAS is avoided: its sums depend on the number of its threads.
         field = np.exp(np.einsum("i,ij->j", weights, patterns))
         field *= np.float32(np.exp(self.common(time_s) - 1))
         size = (self.geometry.columns, self.geometry.rows)
-        return cv2.resize(
-            field.reshape(self._cells), size, interpolation=cv2.INTER_LINEAR
-        )
+        return cv2.resize(field.reshape(self._cells), size)
 
     def at(self, time_s: float) -> Single:
         """Return the picture (rows, columns) at a time, without particles and noise."""
-        picture = self._local(time_s)
+        picture = self._flicker(time_s)
         artefacts = np.float32(EDGE_STRENGTH * self.common(2 * time_s))
         edge = self.interior.edge_px
-        middle = slice(edge, -edge)
         edges = _edges(*picture.shape, edge)
-        for strip in (
-            np.s_[:edge],
-            np.s_[-edge:],
-            np.s_[middle, :edge],
-            np.s_[middle, -edge:],
-        ):
+        sides = np.s_[edge:-edge, :edge], np.s_[edge:-edge, -edge:]
+        for strip in (np.s_[:edge], np.s_[-edge:], *sides):
             picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
         self._glint(picture, time_s)

@@ -7,26 +7,24 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, Flags, Integers, Picture
 from kilnflight.detection.region import inside
-from kilnflight.simulated.kiln.fuel import FRACTIONS, find_fraction
-from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.inputs import Scene
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
-from kilnflight.simulated.kiln.life import Life
+from kilnflight.simulated.kiln.life import Life, Moment
 
-LABELLED = range(
-    75, 85
-)  # frames of a subset, with 75 before and after for the backgrounds
-LEAD_S = 1.0  # from the begin of the feeding to the first frame
-CANDIDATES = 4000  # of a fraction, from which a subset is chosen
+# Frames of a subset that are labelled; 75 before and after are for the backgrounds
+LABELLED = range(75, 85)
+LEAD_S = 1.0  # the feeding begins so long before the first frame
+CANDIDATES = 4000  # particles of each fraction from which a subset is chosen
+# Classes of Table 5.1
 BURNING = 2
 UNLIT = 3
-ON_WALL = 4  # classes of Table 5.1
+ON_WALL = 4
 # Shares of the fractions in each class of a subset; assumption
 MIXTURES: dict[int, dict[str, float]] = {
     BURNING: {"paper shred": 0.7, "confetti": 0.3},
@@ -43,102 +41,106 @@ MIXTURES: dict[int, dict[str, float]] = {
 def handfuls(
     count: int, mean: float, duration_s: float, generator: np.random.Generator
 ) -> Array:
-    """Return the times (count,) in s at which particles leave the lance, fed in
-    handfuls.
+    """Draw the times (count,) in s at which particles leave the lance, in handfuls.
+
+    Parameters
+    ----------
+    count
+        Number of particles.
+    mean
+        Mean number of particles in a handful.
+    duration_s
+        Length of the recording in s.
+    generator
+        Draws sizes and times.
     """
     sizes: list[int] = []
     while sum(sizes) < count:
-        sizes.append(int(min(generator.geometric(1 / mean), count - sum(sizes))))
+        sizes.append(min(int(generator.geometric(1 / mean)), count - sum(sizes)))
     starts = np.sort(generator.uniform(-LEAD_S, duration_s, len(sizes)))
     lasting = generator.uniform(0.2, 1.0, len(sizes))  # a handful takes so many seconds
-    of = np.repeat(np.arange(len(sizes)), sizes)
-    return starts[of] + lasting[of] * generator.beta(2.0, 2.0, count)
+    handful = np.repeat(np.arange(len(sizes)), sizes)
+    return starts[handful] + lasting[handful] * generator.beta(2.0, 2.0, count)
 
 
-def feed_campaign(
-    kind: tuple[str, float],
-    release_s: Array,
-    geometry: Geometry,
-    share_on: float,
-    generator: np.random.Generator,
-) -> Life:
-    """Return the particles that leave the lance at some times (n,).
-
-    ``kind`` is their fraction and the pressure in bar.
-    """
-    table = (
-        find_fraction(kind[0])
-        .draw(len(release_s), generator)
-        .assign(release_s=release_s)
-    )
-    flights = fly(LAWS[kind], len(table), geometry, generator)
-    return Life.of(table, flights, geometry, share_on, generator)
+def feed_campaign(scene: Scene) -> Life:
+    """Draw the particles of a campaign, fed in handfuls."""
+    generator = np.random.default_rng([scene.seed, 0])
+    duration_s = scene.frames / scene.frame_rate_hz
+    release_s = handfuls(scene.count, scene.handful, duration_s, generator)
+    table = FRACTIONS[scene.fraction].draw(scene.count, generator)
+    table = table.assign(release_s=release_s)
+    law = LAWS[scene.fraction, scene.pressure_bar]
+    flights = fly(law, scene.count, scene.geometry, generator)
+    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
 
 
-def feed_subset(
-    counts: Mapping[int, tuple[int, int]],
-    times_s: Sequence[float],
-    roi: tuple[tuple[float, float], ...],
-    geometry: Geometry,
-    share_on: float,
-    generator: np.random.Generator,
-) -> Life:
-    """Return the particles of a labelled subset.
+def feed_subset(scene: Scene) -> Life:
+    """Draw the particles of a labelled subset.
 
     Candidates of all fractions fly by the laws of 4.5 bar, released up to 1 s before
     the middle labelled frame. Of those in each class and in the picture then, as many
     are fed as give at most the printed number of labels in all labelled frames. So who
     burns is an input, and the kiln is that of the campaigns.
-
-    Parameters
-    ----------
-    counts
-        By class of Table 5.1: labels within the region of interest, and outside it.
-    times_s
-        Times of the labelled frames.
-    roi
-        Vertices (row, col) of the region of interest.
     """
-    tables = []
-    parts = []
-    middle = len(times_s) // 2
-    for name, kind in FRACTIONS.items():
-        release_s = times_s[middle] - generator.random(CANDIDATES)
-        tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
-        parts.append(fly(LAWS[name, 4.5], CANDIDATES, geometry, generator))
-    table = pd.concat(tables, ignore_index=True)
-    flights = Flights.joined(parts)
-    everyone = Life.of(table, flights, geometry, share_on, generator)
-    labels, within = np.zeros((2, len(times_s), len(table)), np.int8)
-    for k, time_s in enumerate(times_s):
-        moment = everyone.at(time_s)
-        row, col = geometry.project(geometry.to_camera(moment.position_m))
-        seen = (
-            (row >= 0) & (row < geometry.rows) & (col >= 0) & (col < geometry.columns)
-        )
-        seen &= moment.burning | ~moment.landed  # on the wall only flames are seen
-        kinds = np.where(
-            moment.landed, ON_WALL, np.where(moment.burning, BURNING, UNLIT)
-        )
-        labels[k, moment.particle] = kinds * seen
-        within[k, moment.particle] = inside(roi, row, col)
-    fraction = table["fraction"].to_numpy()
-    chosen = list[Index]()
-    for label, both in counts.items():
-        for near, count in zip((1, 0), both, strict=True):
+    generator = np.random.default_rng([scene.seed, 0])
+    middle = len(LABELLED) // 2
+    everyone = _draw_candidates(LABELLED[middle], scene, generator)
+    labels, within = _label(everyone, scene)
+    fraction = everyone.table["fraction"].to_numpy()
+    chosen = []
+    for label, (inner, outer) in scene.labelled:
+        shown = (labels == label).sum(axis=0)
+        for near, count in ((True, inner), (False, outer)):
             there = (labels[middle] == label) & (within[middle] == near)
-            owed = 0.0  # labels; those that a fraction cannot show are the next one's
+            owed = 0.0  # labels; the next fraction shows those that one cannot
             for name, share in MIXTURES[label].items():
                 owed += share * count
-                rows = generator.permutation(np.flatnonzero(there & (fraction == name)))
-                shown = np.cumsum((labels[:, rows] == label).sum(axis=0))
-                taken = int(np.searchsorted(shown, owed))
+                rows = np.flatnonzero(there & (fraction == name))
+                rows = generator.permutation(rows)
+                total = np.append(0, np.cumsum(shown[rows]))
+                taken = np.searchsorted(total[1:], owed)
+                owed -= total[taken]
                 chosen.append(rows[:taken])
-                owed -= shown[taken - 1] if taken else 0
     rows = np.sort(np.concatenate(chosen))
-    fed = (
-        everyone.table.iloc[rows]
-        .reset_index(drop=True)
-        .assign(particle=np.arange(len(rows)))
-    )
-    return Life(fed, flights.take(rows), share_on)
+    fed = everyone.table.iloc[rows].assign(particle=np.arange(len(rows)))
+    flights = everyone.flights.take(rows)
+    return Life(fed.reset_index(drop=True), flights, scene.optics.share_on)
+
+
+def _draw_candidates(t: int, scene: Scene, generator: np.random.Generator) -> Life:
+    """Draw particles of all fractions, released up to 1 s before frame ``t``."""
+    tables = []
+    parts = []
+    for name, kind in FRACTIONS.items():
+        release_s = t / scene.frame_rate_hz - generator.random(CANDIDATES)
+        tables.append(kind.draw(CANDIDATES, generator).assign(release_s=release_s))
+        parts.append(fly(LAWS[name, 4.5], CANDIDATES, scene.geometry, generator))
+    table = pd.concat(tables, ignore_index=True)
+    flights = Flights._make(np.concatenate(each) for each in zip(*parts, strict=True))
+    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
+
+
+def _label(life: Life, scene: Scene) -> tuple[Integers, Flags]:
+    """Return class (0: not seen) and place of particles in the labelled frames.
+
+    Both are (frames, particles); the second is True within the region of interest.
+    """
+    geometry = scene.geometry
+    labels = np.zeros((len(LABELLED), len(life.table)), np.int8)
+    within = np.zeros(labels.shape, np.bool_)
+    for k, t in enumerate(LABELLED):
+        moment = life.at(t / scene.frame_rate_hz)
+        row, col = geometry.project(geometry.to_camera(moment.position_m))
+        seen = moment.burning | ~moment.landed  # only flames are seen on the wall
+        seen &= (row >= 0) & (row < geometry.rows)
+        seen &= (col >= 0) & (col < geometry.columns)
+        labels[k, moment.particle] = class_of(moment) * seen
+        within[k, moment.particle] = inside(scene.roi, row, col)
+    return labels, within
+
+
+def class_of(moment: Moment) -> Picture:
+    """Return the class of particles by Table 5.1 (n,)."""
+    in_air = np.where(moment.burning, BURNING, UNLIT)
+    return np.where(moment.landed, ON_WALL, in_air).astype(np.uint8)

@@ -7,31 +7,42 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.checks import InputError
+from kilnflight.arrays import Flags
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Fraction:
-    """Sizes of the particles of a fraction, in mm."""
+    """Sizes of the particles of a fraction.
+
+    Parameters
+    ----------
+    name
+        As the thesis has it.
+    length_mm, width_mm, thickness_mm
+        Smallest and largest size in mm.
+    sheet
+        The particles are of paper: they flutter and may ignite in flight.
+    round
+        They are as wide as they are long.
+    """
 
     name: str
     length_mm: Range
     width_mm: Range
     thickness_mm: Range
-    sheet: bool  # of paper: flutters, and may ignite in flight
-    round: bool = False  # as wide as long
+    sheet: bool = False
+    round: bool = False
 
     def draw(self, count: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Return ``fraction``, ``length_mm``, ``width_mm``, ``thickness_mm`` of
-        particles.
-        """
+        """Draw a table of particles: their ``fraction`` and sizes in mm."""
         low, high = np.array([self.length_mm, self.width_mm, self.thickness_mm]).T
         sizes = generator.uniform(low, high, (count, 3))
         if self.round:
@@ -41,27 +52,43 @@ class Fraction:
         return table
 
 
-FRACTIONS: dict[str, Fraction] = {
-    kind.name: kind
-    for kind in (
-        # sizes by Fig. 2.7
-        Fraction("wood chip", (8.0, 18.0), (4.0, 10.0), (1.2, 3.0), sheet=False),
-        # discs of a hole punch, office paper
-        Fraction(
-            "confetti", (5.0, 6.0), (5.0, 6.0), (0.095, 0.105), sheet=True, round=True
-        ),
-        # cross-cut shredder, office paper
-        Fraction("paper shred", (20.0, 45.0), (4.0, 8.0), (0.095, 0.105), sheet=True),
-        # LDPE and HDPE granules (data sheets)
-        Fraction(
-            "PE granule", (3.0, 4.8), (3.0, 4.8), (3.0, 4.8), sheet=False, round=True
-        ),
-    )
-}
+_KINDS = (
+    # The sizes are those of Fig. 2.7.
+    Fraction(
+        name="wood chip",
+        length_mm=(8.0, 18.0),
+        width_mm=(4.0, 10.0),
+        thickness_mm=(1.2, 3.0),
+    ),
+    # A hole punch makes these discs of office paper.
+    Fraction(
+        name="confetti",
+        length_mm=(5.0, 6.0),
+        width_mm=(5.0, 6.0),
+        thickness_mm=(0.095, 0.105),
+        sheet=True,
+        round=True,
+    ),
+    # A cross-cut shredder makes these of office paper.
+    Fraction(
+        name="paper shred",
+        length_mm=(20.0, 45.0),
+        width_mm=(4.0, 8.0),
+        thickness_mm=(0.095, 0.105),
+        sheet=True,
+    ),
+    # Data sheets give these sizes for LDPE and HDPE granules.
+    Fraction(
+        name="PE granule",
+        length_mm=(3.0, 4.8),
+        width_mm=(3.0, 4.8),
+        thickness_mm=(3.0, 4.8),
+        round=True,
+    ),
+)
+FRACTIONS = {kind.name: kind for kind in _KINDS}
 
 
-def find_fraction(name: str) -> Fraction:
-    """Return a fraction by its name in the thesis."""
-    if name not in FRACTIONS:
-        raise InputError(f"fraction {name!r}: there are {', '.join(FRACTIONS)}.")
-    return FRACTIONS[name]
+def are_sheets(fractions: Iterable[str]) -> Flags:
+    """Return which particles are of paper, by their fractions."""
+    return np.array([FRACTIONS[name].sheet for name in fractions], dtype=np.bool_)

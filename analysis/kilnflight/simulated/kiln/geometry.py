@@ -17,48 +17,48 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError
 
 FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 
 
-def unit_vectors(vectors: Array) -> Array:
-    """Return vectors (..., 3) scaled to length 1; a zero vector stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-
-
 @dataclass(frozen=True)
 class Geometry:
-    """Kiln, lance and camera."""
+    """Kiln, lance and camera.
 
-    kiln_radius_mm: float = 700.0  # inner diameter 1.4 m (sec. 2.1.1)
-    kiln_length_mm: float = 8400.0  # sec. 2.1.1
-    inlet_depth_mm: float = 9035.0  # Table 5.12 over the scale of lengths
-    axis_far_mm: tuple[float, float, float] = (
-        66.8,
-        445.5,
-        8332.8,
-    )  # a point of the axis, likewise
-    axis_height_mm: float = (
-        617.7  # of the axis over the camera at depth 0; bounded: 0 to 745 mm
-    )
-    lance_depth_mm: float = 5856.0  # bounded by RMSE and MAPE of Table 5.18
-    lance_pixel: tuple[float, float] = (483.8, 936.3)  # row, column (Fig. 5.11)
-    rows: int = 1536  # sec. 2.1.4
-    columns: int = 2048  # sec. 2.1.4
-    # 85 mm lens (sec. 2.1.4) over 11 um: two sensor pixels of 5.5 um each (R12 data
-    # sheet).
+    Parameters
+    ----------
+    kiln_radius_mm, kiln_length_mm
+        Inner radius and length in mm (section 2.1.1).
+    inlet_depth_mm
+        Depth of the inlet plate in mm (Table 5.12 over the scale of lengths).
+    axis_far_mm
+        A point of the kiln's axis in camera coordinates (likewise).
+    axis_height_mm
+        Height of the axis over the camera at depth 0; 0 to 745 mm are possible.
+    lance_depth_mm
+        Depth of the lance exit in mm; bounded by RMSE and MAPE of Table 5.18.
+    lance_pixel
+        Row and column of the lance exit (Fig. 5.11).
+    rows, columns
+        Size of the picture in px (section 2.1.4).
+    focal_length_px
+        A lens of 85 mm (section 2.1.4) over 11 um, which are two sensor pixels of
+        5.5 um each (R12 data sheet).
+    """
+
+    kiln_radius_mm: float = 700.0
+    kiln_length_mm: float = 8400.0
+    inlet_depth_mm: float = 9035.0
+    axis_far_mm: tuple[float, float, float] = (66.8, 445.5, 8332.8)
+    axis_height_mm: float = 617.7
+    lance_depth_mm: float = 5856.0
+    lance_pixel: tuple[float, float] = (483.8, 936.3)
+    rows: int = 1536
+    columns: int = 2048
     focal_length_px: float = 85.0 / 0.011
-
-    def __post_init__(self) -> None:
-        radius_mm = 1000.0 * float(np.hypot(*self.lance_m[1:]))
-        if radius_mm >= self.kiln_radius_mm or not self.inlet_m <= 0.0 <= self.outlet_m:
-            raise InputError(
-                f"geometry: the lance, {radius_mm:.0f} mm off the axis, is outside."
-            )
 
     @cached_property
     def lance_mm(self) -> Array:
@@ -89,7 +89,7 @@ class Geometry:
     @property
     def inlet_m(self) -> float:
         """Coordinate s of the inlet plate (negative: behind the lance exit)."""
-        return float((self.lance_depth_mm - self.inlet_depth_mm) / 1000.0)
+        return (self.lance_depth_mm - self.inlet_depth_mm) / 1000.0
 
     @property
     def outlet_m(self) -> float:
@@ -97,46 +97,62 @@ class Geometry:
         return self.inlet_m + self.kiln_length_mm / 1000.0
 
     def to_camera(self, position_m: Array) -> Array:
-        """Return camera coordinates (..., 3) in mm of kiln coordinates (..., 3) in m."""
+        """Turn kiln coordinates (..., 3) in m into camera coordinates in mm."""
         return self.origin_mm + 1000.0 * (position_m @ self.axes)
 
     def to_kiln(self, position_mm: Array) -> Array:
-        """Return kiln coordinates (..., 3) in m of camera coordinates (..., 3) in mm."""
-        return (np.asarray(position_mm) - self.origin_mm) @ self.axes.T / 1000.0
+        """Turn camera coordinates (..., 3) in mm into kiln coordinates in m."""
+        return (position_mm - self.origin_mm) @ self.axes.T / 1000.0
 
     def project(self, position_mm: Array) -> tuple[Array, Array]:
-        """Return row and column of camera coordinates (..., 3); depth must be positive."""
+        """Return row and column of camera coordinates (..., 3) of positive depth."""
         scale = self.focal_length_px / position_mm[..., 2]
         row = (self.rows - 1) / 2 - position_mm[..., 1] * scale
         column = (self.columns - 1) / 2 + position_mm[..., 0] * scale
         return row, column
 
     def unproject(
-        self, row: npt.ArrayLike, column: npt.ArrayLike, depth_mm: npt.ArrayLike
+        self, row: ArrayLike, column: ArrayLike, depth_mm: ArrayLike
     ) -> Array:
         """Return camera coordinates (..., 3) of pixels at a depth in mm."""
         depth = np.asarray(depth_mm, dtype=np.float64)
         x = (np.asarray(column) - (self.columns - 1) / 2) * depth / self.focal_length_px
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
-        points = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
-        points[..., 0] = x
-        points[..., 1] = y
-        points[..., 2] = depth
-        return points
+        return np.stack(np.broadcast_arrays(x, y, depth), axis=-1)
 
-    def wall_depth(self, row: Array, column: Array) -> Array:
+    def rays(self, row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
+        """Return the rays of pixels along the kiln's axes.
+
+        Returns
+        -------
+        start : array (3,)
+            The camera, in mm from `origin_mm`.
+        direction : array (..., 3)
+            The way in mm along each ray as its depth grows by 1 mm.
+        """
+        start = -self.origin_mm @ self.axes.T
+        return start, self.unproject(row, column, 1.0) @ self.axes.T
+
+    def wall_depth(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return the depth in mm at which a pixel's ray meets wall or inlet plate.
 
         The ray starts at the camera; of its two intersections with the cylinder the far
         one is the wall that is seen. Rays that leave the cylinder behind the inlet end
         at the plate.
         """
-        ray = self.unproject(row, column, np.ones(np.broadcast(row, column).shape))
-        local = ray @ self.axes.T
-        start = -self.origin_mm @ self.axes.T
-        a = (local[..., 1:] ** 2).sum(axis=-1)
-        b = (local[..., 1:] * start[1:]).sum(axis=-1)
-        c = (start[1:] ** 2).sum() - self.kiln_radius_mm**2
-        wall = (-b + np.sqrt(np.maximum(b**2 - a * c, 0.0))) / np.maximum(a, 1e-12)
-        plate = (1000.0 * self.inlet_m - start[0]) / local[..., 0]
-        return np.minimum(wall, plate)
+        start, ray = self.rays(row, column)
+        a, b, root = meet_tube(start, ray, self.kiln_radius_mm)
+        plate = (1000.0 * self.inlet_m - start[0]) / ray[..., 0]
+        return np.minimum((-b + root) / a, plate)
+
+
+def meet_tube(start: Array, ray: Array, radius_mm: float) -> tuple[Array, ...]:
+    """Return a, b and root (...,): rays meet a tube at the depths (-b ± root) / a.
+
+    The tube lies along the first axis, from which the start (3,) of the rays (..., 3)
+    counts. A root is NaN where a ray passes beside the tube.
+    """
+    a = (ray[..., 1:] ** 2).sum(axis=-1)
+    b = (ray[..., 1:] * start[1:]).sum(axis=-1)
+    c = (start[1:] ** 2).sum() - radius_mm**2
+    return a, b, np.sqrt(b**2 - a * c)

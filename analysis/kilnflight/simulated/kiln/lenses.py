@@ -24,79 +24,98 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Flags, Index, Single
+from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
-from kilnflight.simulated.kiln.background import Background
+from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
-from kilnflight.simulated.kiln.light import Optics
-from kilnflight.simulated.kiln.picture import Blobs, Pixels
+from kilnflight.simulated.kiln.picture import MARKED_RADIUS, SceneView
 
-FULL_COLUMNS = 2048
 BLOCKS = 3  # per lens and direction, in which contrast is summed
-# Depths between which the plate scatters most (sec. 2.1.5: 3 m), and where it no longer
-# does
-_NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
+# The plate scatters most between these depths, near 3 m (sec. 2.1.5).
+NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
 
 
 @dataclass(frozen=True)
 class LensCamera:
-    """Say where lenses find a depth, and how wrong it is.
+    """Where lenses find a depth, and how wrong it is.
 
     Errors are true millimetres, as the thesis sees them after calibration; they are
     inputs. That a measurement finds them again validates nothing.
+
+    Parameters
+    ----------
+    lenses
+        Rows and columns of lenses, 11.6 px apart (R12 data sheet).
+    wall_points
+        Candidates on the wall; with those of particles about 200,000 points a frame.
+    kept_per_frame
+        Share of the wall's candidates in a frame; assumption.
+    contrast
+        Contrast over noise, both standard deviations of a pixel, from which a lens
+        finds a depth; fitted to Table 5.2, with 3D.
+    dominance
+        Power of the contrast by which depths are weighed where a lens sees two: 2 where
+        squared differences are matched, more where the stronger edge wins.
+    clear
+        A particle's contrast over the wall's, below which two depths are refused.
+    wall_contrast
+        The wall's contrast over noise from which it has a depth, lower as many lenses
+        see it; assumption.
+    patch
+        Share of a lens over which the wall's contrast counts; by Fig. 5.7.
+    wall_error
+        Relative error of the wall's depth: about 1 m range at 8 m (section 2.1.5).
+    wall_error_near_mm
+        The same in mm from 2.7 to 3.3 m: a range of "more than 1 m" (section 2.1.5),
+        taken as six of these.
+    fixed
+        The calibration's share of the error's variance: 41 mm at the lance. After Eq.
+        2.4 depths have "high agreement" (section 2.1.5), and they fluctuate
+        "irregularly" (section 4.1.3); assumption.
+    changing
+        Share of the error's variance of each lens alone, from frame to frame. This and
+        the next three were set by hand with Fig. 5.7 in view.
+    smooth_px
+        Pixels over which the rest of the error changes.
+    white_mm
+        Error of each point in mm.
+    points_per_pixel
+        Points for each pixel of a particle that lenses see.
+    half_contrast
+        Contrast over noise at which a particle's error is 1.4 times as large;
+        assumption.
+    scale
+        Factor of the errors common to a patch or particle, for the sensitivity.
+    particle_error_mm
+        Error of a particle in flight in mm; identified by RMSE in z of Table 5.18.
+    wall_particle_mm
+        Error of a particle on the wall in mm; identified by the 31 % of such particles
+        within 800 mm of the axis (Table 5.13).
     """
 
-    lenses: tuple[int, int] = (
-        152,
-        176,
-    )  # rows, columns (R12 data sheet): 11.6 px apart
-    wall_points: int = (
-        165_000  # candidates; about 200,000 points a frame with those of particles
-    )
-    kept_per_frame: float = 0.9  # of the wall's candidates; assumption
-    # Contrast over noise, both standard deviations of a pixel, from which a lens finds
-    # a depth; fitted to Table 5.2, with 3D
+    lenses: tuple[int, int] = (152, 176)
+    wall_points: int = 165_000
+    kept_per_frame: float = 0.9
     contrast: float = 12.0
-    # Power of the contrast by which depths are weighed where a lens sees two: 2 where
-    # squared differences are matched, more where the stronger edge wins
     dominance: float = 4.0
-    clear: float = (
-        2.0  # a particle's contrast over the wall's, below which two depths are refused
-    )
-    wall_contrast: float = (
-        0.5  # likewise, of the wall, which many lenses see; assumption
-    )
-    patch: float = 0.5  # of a lens, over which the wall's contrast counts; by Fig. 5.7
-    wall_error: float = 0.022  # relative (sec. 2.1.5: about 1 m range at 8 m)
-    # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of
-    # these
+    clear: float = 2.0
+    wall_contrast: float = 0.5
+    patch: float = 0.5
+    wall_error: float = 0.022
     wall_error_near_mm: float = 170.0
-    # Of the error's variance, the calibration's share: 41 mm at the lance. After Eq.
-    # 2.4 depths have "high agreement" (sec. 2.1.5), and they fluctuate "irregularly"
-    # (sec. 4.1.3); assumption
     fixed: float = 0.1
-    # Set by hand with the distances of neighbours (Fig. 5.7) in view, and nothing else
-    changing: float = (
-        0.03  # of the error's variance, of each lens alone, from frame to frame
-    )
-    smooth_px: float = 200.0  # over which the rest of the error changes
-    white_mm: float = 0.9  # per point
-    points_per_pixel: float = 0.5  # of what lenses see of particles
-    # Contrast over noise at which noise makes the error of a particle 1.4 times as
-    # large
+    changing: float = 0.03
+    smooth_px: float = 200.0
+    white_mm: float = 0.9
+    points_per_pixel: float = 0.5
     half_contrast: float = 3.0
-    scale: float = (
-        1.0  # of the errors common to a patch or particle, for the sensitivity
-    )
-    # In flight, mm; identified by RMSE in z of Table 5.18
+    scale: float = 1.0
     particle_error_mm: tuple[tuple[str, float], ...] = (
         ("wood chip", 87.0),
         ("confetti", 91.0),
         ("paper shred", 185.0),
         ("PE granule", 132.0),
     )
-    # On the wall; identified by the 31 % of such particles within 800 mm of the axis
-    # (Table 5.13)
     wall_particle_mm: float = 445.0
 
     def captured(self, true_mm: npt.ArrayLike) -> Array:
@@ -105,39 +124,47 @@ class LensCamera:
         Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation
         does.
         """
-        return np.asarray(
-            np.interp(np.asarray(true_mm, np.float64), *_inverse_of_equation_2_4())
-        )
+        return np.asarray(np.interp(np.asarray(true_mm), *_tabulate_captured()))
 
     def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
-        """Return the standard deviation of the wall's error in mm at true depths.
-
-        As the plate's, but without steps.
-        """
+        """Return the standard deviation of the wall's error in mm at true depths."""
         depth = np.asarray(depth_mm, dtype=np.float64)
         relative = self.wall_error
-        begin = relative * _NEAR_MM[0]
-        end = relative * _NEAR_MM[3]
-        near = np.interp(depth, _NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
-        inside = (depth > _NEAR_MM[0]) & (depth < _NEAR_MM[3])
+        first, _, _, last = NEAR_MM
+        most = self.wall_error_near_mm
+        near = np.interp(
+            depth, NEAR_MM, (relative * first, most, most, relative * last)
+        )
+        inside = (depth > first) & (depth < last)
         return self.scale * np.where(inside, near, relative * depth)
 
     def calibration(self, rows: int, columns: int, seed: int) -> Single:
         """Return the error of the calibration (rows, columns) over the `wall_scale`."""
-        field = _smooth(
-            np.random.default_rng([seed, 304]), (rows, columns), self.smooth_px
-        )
+        generator = np.random.default_rng([seed, 304])
+        size = (rows, columns)
+        field = _draw_smooth(generator, size, self.smooth_px, size)
         return field * np.float32(np.sqrt(self.fixed))
 
-    def particle_scale(self, contrast: Array) -> Array:
-        """Return by how much low contrast raises a particle's error."""
-        return np.sqrt(1.0 + (self.half_contrast / np.maximum(contrast, 0.1)) ** 2)
+
+@lru_cache(maxsize=1)
+def _tabulate_captured() -> tuple[Array, Array]:
+    """Return true depths, ascending, and the captured ones; lines between them."""
+    step = 10.0
+    # The second segment of the equation begins here.
+    jump = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))
+    true = np.append(np.arange(step, 15_000.0, step), [jump - 1e-6, jump])
+    true.sort()
+    captured = invert_depth(true)
+    slope = float(captured[-1] - captured[-2]) / step
+    return np.append(true, true[-1] + 1e5), np.append(
+        captured, captured[-1] + slope * 1e5
+    )
 
 
 class Lattice(NamedTuple):
     """The hexagonal grid of lenses over a picture."""
 
-    rows: int  # of the picture
+    rows: int  # size of the picture
     columns: int
     lenses: tuple[int, int]
 
@@ -149,69 +176,67 @@ class Lattice(NamedTuple):
     @property
     def block_px(self) -> int:
         """Side of the blocks in which contrast is summed."""
-        return max(1, round(self.pitch_px / BLOCKS))
+        return round(self.pitch_px / BLOCKS)
 
     @property
     def blocks(self) -> tuple[int, int]:
         """Rows and columns of blocks."""
         return -(-self.rows // self.block_px), -(-self.columns // self.block_px)
 
-    def centres(self) -> tuple[Index, Index]:
-        """Return the pixels (rows and columns) in the middle of all lenses."""
+    def block_of(self, pixel: Index) -> Index:
+        """Return the block of each pixel."""
+        row, column = np.divmod(pixel, self.columns)
+        return row // self.block_px * self.blocks[1] + column // self.block_px
+
+    def centres(self) -> Index:
+        """Return the blocks in the middle of all lenses."""
         row, column = np.divmod(np.arange(np.prod(self.lenses)), self.lenses[1])
         down = (row + 0.5) * self.rows / self.lenses[0]
         right = (column + 0.25 + 0.5 * (row % 2)) * self.pitch_px
-        return (
-            np.minimum(down.astype(np.intp), self.rows - 1),
-            np.minimum(right.astype(np.intp), self.columns - 1),
+        return self.block_of(
+            down.astype(np.intp) * self.columns + right.astype(np.intp)
         )
 
-    def block_of(self, row: Index, column: Index) -> Index:
-        """Return the block of each pixel."""
-        return row // self.block_px * self.blocks[1] + column // self.block_px
-
-    def between(
-        self, row: Index, column: Index
-    ) -> tuple[npt.NDArray[np.int32], Single]:
+    def between(self, pixel: Index) -> tuple[Index, Single]:
         """Return the four lenses around pixels (4, n) and their weights (4, n)."""
-        down = np.clip(
-            row * (self.lenses[0] / self.rows) - 0.5, 0.0, self.lenses[0] - 1.001
-        )
+        row, column = np.divmod(pixel, self.columns)
+        lines, per_line = self.lenses
+        down = np.clip(row * (lines / self.rows) - 0.5, 0.0, lines - 1.001)
         upper = down.astype(np.intp)
         share = down - upper
         lens = []
         weight = []
         for line, of_line in ((upper, 1 - share), (upper + 1, share)):
             right = column / self.pitch_px - 0.25 - 0.5 * (line % 2)
-            right = np.clip(right, 0.0, self.lenses[1] - 1.001)
+            right = np.clip(right, 0.0, per_line - 1.001)
             left = right.astype(np.intp)
-            lens += [line * self.lenses[1] + left, line * self.lenses[1] + left + 1]
+            lens += [line * per_line + left, line * per_line + left + 1]
             weight += [of_line * (1 - (right - left)), of_line * (right - left)]
-        return np.stack(lens).astype(np.int32), np.stack(weight).astype(np.float32)
+        return np.stack(lens), np.stack(weight).astype(np.float32)
+
+    def average(self, block: Index, values: Array) -> Single:
+        """Return the sum of values by block, averaged over a lens around each block."""
+        rows, columns = self.blocks
+        total = np.bincount(block, values, rows * columns).reshape(rows, columns)
+        return _blur(total.astype(np.float32))
+
+    def pixels_of(self, blocks: Index) -> Index:
+        """Return the pixels of some blocks."""
+        row, column = np.divmod(blocks, self.blocks[1])
+        inner = np.arange(self.block_px)
+        down = (row[:, None] * self.block_px + inner)[:, :, None]
+        right = (column[:, None] * self.block_px + inner)[:, None, :]
+        inside = (down < self.rows) & (right < self.columns)
+        return (down * self.columns + right)[inside]
 
 
-@lru_cache(maxsize=1)
-def _inverse_of_equation_2_4() -> tuple[Array, Array]:
-    """Return true depths, ascending, and the captured ones; lines between them."""
-    step = 10.0
-    true = np.arange(step, 15_000.0, step)
-    captured = invert_depth(true)
-    at = float(
-        EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0])
-    )  # from here on the second segment
-    sides = np.array([at - 1e-6, at])
-    place = [int(np.searchsorted(true, at))] * 2
-    captured = np.insert(captured, place, invert_depth(sides))
-    true = np.insert(true, place, sides)
-    beyond = float(captured[-1] - captured[-2]) / step * 1e5
-    return np.append(true, true[-1] + 1e5), np.append(captured, captured[-1] + beyond)
+def _blur(values: Single) -> Single:
+    """Return the mean of values (rows, columns) of blocks over a lens around each."""
+    return np.asarray(cv2.blur(values, (BLOCKS, BLOCKS)), np.float32)
 
 
 def measure_contrast(
-    picture: Single,
-    lattice: Lattice,
-    full_scale: float = np.inf,
-    asked: Flags | None = None,
+    picture: Single, lattice: Lattice, full_scale: float, asked: Flags
 ) -> tuple[Single, Single]:
     """Return variance and mean of grey values within a lens around each block.
 
@@ -224,27 +249,21 @@ def measure_contrast(
     full_scale
         The highest grey value.
     asked
-        Which blocks are needed, (rows, columns); all if None. Values of others mean
-        nothing.
+        Which blocks are needed, (rows, columns). Values of others mean nothing.
     """
-    wanted = np.ones(lattice.blocks, np.uint8)
-    if asked is not None:
-        wanted = np.asarray(
-            cv2.dilate(asked.astype(np.uint8), np.ones((BLOCKS, BLOCKS), np.uint8))
-        )
-    of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
-    mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
-    variance = np.maximum(square - mean * mean, 0.0)
-    return np.asarray(variance, np.float32), np.asarray(mean, np.float32)
+    kernel = np.ones((BLOCKS, BLOCKS), np.uint8)
+    wanted = cv2.dilate(asked.astype(np.uint8), kernel)
+    means = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
+    mean = _blur(means[0])
+    return np.maximum(_blur(means[1]) - mean * mean, 0.0), mean
 
 
 @njit(cache=True)
 def _block_means(picture: Any, wanted: Any, side: int, full_scale: Any) -> Any:
-    """Return the means of grey values, and of their squares, in the wanted blocks;
-    elsewhere 0.
+    """Return the means of grey values, and of their squares, in the wanted blocks.
 
-    Compiled: particles cover few blocks, and passes over a whole picture take several
-    ms.
+    It is compiled as particles cover few blocks, and passes over a whole picture take
+    several ms.
     """
     means = np.zeros((2, *wanted.shape), np.float32)
     rows, columns = picture.shape
@@ -271,267 +290,211 @@ def _block_means(picture: Any, wanted: Any, side: int, full_scale: Any) -> Any:
     return means
 
 
+class Sight(NamedTuple):
+    """Particles of a frame as the lenses see them."""
+
+    own: Single  # (lenses,) weight of the particles' depth
+    wall: Single  # (lenses,) weight of the depth of the wall behind them
+    depth_mm: Single  # (lenses,) of the particles, with their error
+    hidden: Flags  # (rows * columns,) pixels that cannot have the wall's depth
+    pixels: Index  # pixels that have a particle's depth
+
+
 @dataclass(frozen=True)
 class LensWall:
-    """What the lenses see of the kiln without particles: constant in a scene."""
+    """The kiln without particles as the lenses see it: constant in a scene."""
 
     camera: LensCamera
     lattice: Lattice
-    depth_mm: Single  # (rows, columns), true
+    background: Background
     bias: Single  # (rows, columns) of the calibration, over the `LensCamera.wall_scale`
-    variance: Single  # of blocks
-    changing: Single  # of lenses: standard deviation of their own error, likewise
-    index: Index  # pixels of the wall that can have depth
-    block: npt.NDArray[np.int32]  # of each of them
-    lens: npt.NDArray[np.int32]  # (4, pixels) around each of them
-    weight: Single  # (4, pixels)
-    level_mm: Single  # (pixels,) depth with the bias of the calibration
-    scale_mm: Single  # (pixels,) standard deviation of the error
+    variance: Single  # contrast of blocks
+    centre: Index  # (lenses,) the block in the middle of each
+    changing: Single  # (lenses,) standard deviation of their own error, likewise
+    index: Index  # (n,) pixels of the wall that can have depth
+    lens: Index  # (4, n) lenses around each of them
+    weight: Single  # (4, n)
+    level_mm: Single  # (n,) depth with the bias of the calibration
+    scale_mm: Single  # (n,) standard deviation of the error
 
     @classmethod
     def of(
         cls,
         camera: LensCamera,
         background: Background,
-        optics: Optics,
-        edge_px: int,
         bias: Single,
+        index: Index | None = None,
     ) -> LensWall:
-        """Return the wall of a scene; ``bias`` is that of `LensCamera.calibration`."""
+        """Return the wall of a scene.
+
+        Parameters
+        ----------
+        camera, background
+            Of the scene.
+        bias
+            The error of the calibration (`LensCamera.calibration`).
+        index
+            The pixels that can have depth; None: they are chosen by their contrast,
+            which takes a second.
+        """
         level = background.level
         rows, columns = level.shape
-        lattice = Lattice(rows, columns, camera.lenses)
-        generator = np.random.default_rng([background.seed, 305])
-        variance, mean = measure_contrast(level, lattice)
-        over_noise = np.asarray(np.sqrt(variance) / optics.noise(mean), np.float32)
-        index = _textured(over_noise, lattice, camera, edge_px, generator)
-        row, column = np.divmod(index, columns)
+        lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
+        everywhere = np.ones(lattice.blocks, np.bool_)
+        variance, mean = measure_contrast(level, lattice, np.inf, everywhere)
+        over_noise = np.sqrt(variance) / background.optics.noise(mean)
+        contrast = over_noise.astype(np.float32)
+        if index is None:
+            index = _choose_textured(contrast, lattice, camera, background)
         centre = lattice.centres()
-        at_lens = over_noise.reshape(-1)[lattice.block_of(*centre)]
+        at_lens = contrast.take(centre)
         changing = np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)
         changing *= np.sqrt(camera.changing)
-        true = background.depth_mm.astype(np.float32)
-        at = true.reshape(-1)[index]
-        scale = camera.wall_scale(at).astype(np.float32)
+        lens, weight = lattice.between(index)
+        depth = background.depth_mm.take(index)
+        scale = camera.wall_scale(depth).astype(np.float32)
         return cls(
-            camera,
-            lattice,
-            true,
-            bias,
-            variance,
-            changing.astype(np.float32),
-            index,
-            lattice.block_of(row, column).astype(np.int32),
-            *lattice.between(row, column),
-            at + bias.reshape(-1)[index] * scale,
-            scale,
+            camera=camera,
+            lattice=lattice,
+            background=background,
+            bias=bias,
+            variance=variance,
+            centre=centre,
+            changing=changing.astype(np.float32),
+            index=index,
+            lens=lens,
+            weight=weight,
+            level_mm=depth + bias.take(index) * scale,
+            scale_mm=scale,
         )
 
     def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Single]:
-        """Return pixels (n,) and depths in mm (n,) of the points of a frame, error
-        included.
-        """
-        camera = self.camera
-        lattice = self.lattice
-        block = lattice.block_of(*lattice.centres())
-        own, wall = (
-            of.take(block) ** camera.dominance for of in (sight.contrast, sight.wall)
-        )
-        changing = self.changing * random.standard_normal(len(block), dtype=np.float32)
-        changing += self._drift(random)
-        draws = random.random(len(self.index), np.float32)
-        share = np.float32(camera.kept_per_frame)
-        hidden = sight.valid.reshape(-1), sight.hidden
-        lenses = self.lens, self.weight, changing, own
-        points = (self.index, self.block, self.level_mm, self.scale_mm)
-        apart, depth, mixed = _kept_points(draws, share, points, hidden, lenses)
-        index = np.concatenate([apart, mixed, sight.pixels])
-        pixel = np.divmod(index[len(apart) :], lattice.columns)
-        of_lenses = own, own * sight.depth_mm.take(block), wall, changing
-        depth = np.concatenate([depth, self._mixed(pixel, of_lenses)])
-        return index, depth + camera.white_mm * random.standard_normal(
-            len(index), np.float32
-        )
+        """Return pixels (n,) and depths in mm (n,) of the points of a frame.
 
-    def _drift(self, random: np.random.Generator) -> Single:
-        """Return the smooth error of the lenses of a frame, over the
-        `LensCamera.wall_scale`.
+        The depths have their error.
         """
         camera = self.camera
-        lattice = self.lattice
-        down, right = lattice.lenses
-        size = (lattice.rows, lattice.columns)
-        field = _smooth(random, size, camera.smooth_px, (down, 2 * right))
+        size = len(self.changing)
+        changing = self.changing * random.standard_normal(size, dtype=np.float32)
+        changing += self._draw_drift(random)
+        draws = random.random(len(self.index), np.float32)
+        kept = draws < np.float32(camera.kept_per_frame)
+        kept &= ~sight.hidden.take(self.index)
+        mixed = (sight.own > 0).take(self.lens).any(axis=0)
+        alone = kept & ~mixed
+        near = np.concatenate([self.index[kept & mixed], sight.pixels])
+        index = np.concatenate([self.index[alone], near])
+        error = _interpolate(changing, self.lens, self.weight)
+        depth = self.level_mm + self.scale_mm * error
+        depth = np.concatenate([depth[alone], self._mix(near, sight, changing)])
+        white = random.standard_normal(len(index), np.float32)
+        return index, depth + camera.white_mm * white
+
+    def _draw_drift(self, random: np.random.Generator) -> Single:
+        """Draw the smooth error of the lenses over the `LensCamera.wall_scale`."""
+        camera = self.camera
+        down, right = self.lattice.lenses
+        field = _draw_smooth(
+            random, self.bias.shape, camera.smooth_px, (down, 2 * right)
+        )
         field *= np.float32(np.sqrt(1 - camera.fixed - camera.changing))
         odd = np.arange(down)[:, None] % 2  # these rows are half a lens to the right
         return np.where(odd, field[:, 1::2], field[:, ::2]).reshape(-1)
 
-    def _mixed(
-        self, pixel: tuple[Index, Index], of_lenses: tuple[Single, ...]
-    ) -> Single:
-        """Return the depths at pixels near particles: of the wall, of particles, and
-        between.
+    def _mix(self, index: Index, sight: Sight, changing: Single) -> Single:
+        """Return the depths (n,) in mm at pixels near particles.
 
-        By lens: the weight of particles, that times their depth, the wall's weight and
-        the error.
+        They are those of the wall, of particles, and between. ``changing`` is the error
+        of the lenses.
         """
-        lens, weight = self.lattice.between(*pixel)
-        mine, depth, other, error = (
-            _interpolated(of, lens, weight) for of in of_lenses
-        )
-        share = mine / np.maximum(mine + other, 1e-6)
-        behind = (1 - share) * self.depth_mm[pixel]
-        depth = behind + share * depth / np.maximum(mine, 1e-6)
+        lens, weight = self.lattice.between(index)
+        own = _interpolate(sight.own, lens, weight)
+        own_depth = _interpolate(sight.own * sight.depth_mm, lens, weight)
+        wall = _interpolate(sight.wall, lens, weight)
+        error = _interpolate(changing, lens, weight)
+        share = own / np.maximum(own + wall, 1e-6)
+        behind = (1 - share) * self.background.depth_mm.take(index)
+        depth = behind + share * own_depth / np.maximum(own, 1e-6)
         scale = self.camera.wall_scale(depth).astype(np.float32)
-        return np.asarray(depth + (self.bias[pixel] + error) * scale, dtype=np.float32)
+        return depth + (self.bias.take(index) + error) * scale
 
-    def look(
-        self,
-        picture: Single,
-        scene: tuple[Blobs, Pixels],
-        error: Array,
-        labels: npt.NDArray[np.uint8],
-        optics: Optics,
-        random: np.random.Generator,
-    ) -> Sight:
-        """Return what the lenses see of the particles of a frame.
+    def look(self, view: SceneView, error: Array, random: np.random.Generator) -> Sight:
+        """Return the particles of a frame as the lenses see them.
 
         Parameters
         ----------
-        picture
-            (rows, columns), without noise; what exceeds full scale is cut off.
-        scene
-            The particles, and the pixels that they cover.
+        view
+            The frame without noise; what exceeds full scale is cut off.
         error
             Of each particle's depth (particles,), at high contrast.
-        labels
-            Of pixels (rows, columns): wall 0, flame of the burner 1, particles.
-        optics, random
-            The noise of the picture; chooses among the pixels.
+        random
+            Chooses among the pixels.
         """
-        (blobs, pixels), lattice = scene, self.lattice
-        inside = pixels.radius <= 1.15
-        place = pixels.place[inside]
-        blob = pixels.blob[inside]
-        block = lattice.block_of(*np.divmod(place, lattice.columns))
-        size = lattice.blocks[0] * lattice.blocks[1]
-
-        def within(weights: Array) -> Single:
-            total = np.bincount(block, weights, size).reshape(lattice.blocks)
-            summed = cv2.blur(total.astype(np.float32), (BLOCKS, BLOCKS))
-            return np.asarray(summed, np.float32)
-
-        count = within(np.ones(len(block)))
-        variance, mean = measure_contrast(picture, lattice, FULL_SCALE, count > 0)
-        there = count > 0.5 / BLOCKS**2
-        total = np.maximum(count, 1e-6)
-        covered_share = np.minimum(count / lattice.block_px**2, 1.0)
-        wall = self.variance * (
-            1 - covered_share
-        )  # what a particle hides has no contrast
-        own = np.where(there, np.maximum(variance - wall, 0.0), 0.0)
-        noise = optics.noise(mean)
-        contrast = np.sqrt(own) / noise
-        strongest = np.zeros(len(blobs.row))
-        np.maximum.at(strongest, blob, contrast.reshape(-1)[block])
-        found = blobs.depth_mm + error[blobs.particle] * self.camera.particle_scale(
-            strongest
+        camera = self.camera
+        lattice = self.lattice
+        pixels = view.pixels.take(view.pixels.radius <= MARKED_RADIUS)
+        blob = pixels.blob
+        block = lattice.block_of(pixels.place)
+        count = lattice.average(block, np.ones(len(block)))
+        near = np.flatnonzero(count)  # elsewhere there is only the wall
+        variance, mean = measure_contrast(view.picture, lattice, FULL_SCALE, count > 0)
+        covered = np.minimum(count / lattice.block_px**2, 1.0)
+        wall = self.variance * (1 - covered)  # the hidden part has no contrast
+        behind = wall.take(near)
+        own = np.maximum(variance.take(near) - behind, 0.0)
+        noise = self.background.optics.noise(mean.take(near))
+        seen = np.sqrt(own) / noise
+        clear = (seen >= camera.contrast) & (own >= camera.clear**2 * behind)
+        contrast = np.zeros(count.size)
+        contrast[near] = seen
+        deep = lattice.pixels_of(near[clear])
+        hidden = view.labels.reshape(-1) != 0
+        hidden[deep] = True
+        found = self._depths(view, error, blob, contrast[block])[blob]
+        depth = lattice.average(block, found) / np.maximum(count, 1e-6)
+        body = np.zeros(count.size, np.float32)
+        # A body has no contrast within, yet only itself is seen there.
+        body[near] = np.sqrt(own) + 0.1 * noise * covered.take(near)
+        return Sight(
+            own=body.take(self.centre) ** camera.dominance,
+            wall=np.sqrt(wall.take(self.centre)) ** camera.dominance,
+            depth_mm=np.asarray(depth.take(self.centre), np.float32),
+            hidden=hidden,
+            pixels=self._keep(deep, view.labels, random),
         )
-        depth = np.asarray(within(found[blob]) / total, np.float32)
-        valid = (
-            there
-            & (contrast >= self.camera.contrast)
-            & (own >= self.camera.clear**2 * wall)
-        )
-        candidates = _pixels_of(valid, lattice)
-        kept = (
-            random.random(len(candidates), dtype=np.float32)
-            < self.camera.points_per_pixel
-        )
-        kept &= labels.take(candidates) != 1
-        hidden = labels.reshape(-1) != 0
-        weights = (
-            np.sqrt(own) + 0.1 * noise * covered_share
-        )  # within a body there is only itself
-        within_body = weights.astype(np.float32)
-        behind = np.sqrt(wall).astype(np.float32)
-        return Sight(within_body, behind, depth, valid, hidden, candidates[kept])
+
+    def _depths(
+        self, view: SceneView, error: Array, blob: Index, contrast: Array
+    ) -> Array:
+        """Return the depth (m,) in mm that lenses find for each particle of a view.
+
+        ``error`` is that of all particles at high contrast; a low one raises it. The
+        contrast (k,) is that of pixels of some blobs (k,).
+        """
+        strongest = np.zeros(len(view.visible))
+        np.maximum.at(strongest, blob, contrast)
+        over = self.camera.half_contrast / np.maximum(strongest, 0.1)
+        scale = np.sqrt(1.0 + over**2)
+        return view.blobs.depth_mm + error[view.moment.particle] * scale
+
+    def _keep(
+        self, pixels: Index, labels: Picture, random: np.random.Generator
+    ) -> Index:
+        """Choose the pixels of particles that have a point, none in the flame."""
+        kept = random.random(len(pixels), np.float32) < self.camera.points_per_pixel
+        return pixels[kept & (labels.take(pixels) != 1)]
 
 
-def _interpolated(
-    values: Single, lens: npt.NDArray[np.int32], weight: Single
-) -> Single:
+def _interpolate(values: Single, lens: Index, weight: Single) -> Single:
     """Return values of lenses between four of them each."""
     total = weight[0] * values.take(lens[0])
     for of_lens, of_weight in zip(lens[1:], weight[1:], strict=True):
         total += of_weight * values.take(of_lens)
-    return np.asarray(total, dtype=np.float32)
+    return total
 
 
-@njit(cache=True)
-def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) -> Any:
-    """Return wall points with their depths, and pixels near particles, of those that
-    are kept.
-
-    Compiled: numpy gathers ten times, which takes three times as long.
-
-    Parameters
-    ----------
-    draws, share
-        A point whose draw is below the share is kept, unless it is hidden.
-    points
-        Pixel, block, depth and standard deviation of its error of each.
-    hidden
-        Which blocks and which pixels are.
-    lenses
-        The four lenses around each point and their weights (`Lattice.between`); of
-        lenses the error that changes, and what they see of particles.
-    """
-    (index, block, level, scale), (blocks, pixels) = points, hidden
-    lens, weight, error, own = lenses
-    apart = np.empty(len(index), np.intp)
-    near = np.empty(len(index), np.intp)
-    depth = np.empty(len(index), np.float32)
-    count = 0
-    others = 0
-    for i in range(len(index)):
-        if draws[i] >= share or blocks[block[i]] or pixels[index[i]]:
-            continue
-        a = lens[0, i]
-        b = lens[1, i]
-        c = lens[2, i]
-        d = lens[3, i]
-        if own[a] > 0 or own[b] > 0 or own[c] > 0 or own[d] > 0:
-            near[others] = index[i]
-            others += 1
-            continue
-        total = (
-            weight[0, i] * error[a] + weight[1, i] * error[b]
-        )  # as in `_interpolated`
-        total = total + weight[2, i] * error[c] + weight[3, i] * error[d]
-        apart[count] = index[i]
-        depth[count] = level[i] + scale[i] * total
-        count += 1
-    return apart[:count].copy(), depth[:count].copy(), near[:others].copy()
-
-
-class Sight(NamedTuple):
-    """What the lenses see of the particles of a frame."""
-
-    contrast: Single  # of blocks: standard deviation of grey values, of particles alone
-    wall: Single  # likewise: of the wall that they leave to be seen
-    depth_mm: Single  # of blocks: the particle's, with its error
-    valid: Flags  # of blocks: a particle gives a depth
-    hidden: Flags  # of pixels (rows * columns,): the wall is not seen there
-    pixels: Index  # that have a particle's depth
-
-
-def _textured(
-    over_noise: Single,
-    lattice: Lattice,
-    camera: LensCamera,
-    edge_px: int,
-    generator: np.random.Generator,
+def _choose_textured(
+    contrast: Single, lattice: Lattice, camera: LensCamera, background: Background
 ) -> Index:
     """Return the pixels of the wall with most contrast for their surroundings, sorted.
 
@@ -539,36 +502,32 @@ def _textured(
     relative to that of a tenth of the picture around, so that points lie everywhere
     where there is any.
     """
-    rows = lattice.rows
-    columns = lattice.columns
-    around = cv2.GaussianBlur(over_noise, (0, 0), lattice.blocks[1] / 20)
-    score = np.asarray(
-        cv2.resize(over_noise / (around + 0.05), (columns, rows)), np.float32
-    )
+    size = (lattice.columns, lattice.rows)
+    around = cv2.GaussianBlur(contrast, (0, 0), lattice.blocks[1] / 20)
+    score = np.asarray(cv2.resize(contrast / (around + 0.05), size), np.float32)
+    generator = np.random.default_rng([background.seed, 305])
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
-    score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
-    score = np.asarray(
-        cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch), np.float32
-    )
-    score[:edge_px] = 0
-    score[-edge_px:] = 0
-    score[:, :edge_px] = 0
-    score[:, -edge_px:] = 0
-    count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
+    score *= cv2.resize(contrast, size) >= camera.wall_contrast
+    cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch, dst=score)
+    edge = background.interior.edge_px
+    inner = np.zeros_like(score)
+    inner[edge:-edge, edge:-edge] = 1
+    score *= inner
+    count = int(camera.wall_points / camera.kept_per_frame)
     score = score.reshape(-1)
     best = np.flatnonzero(score >= np.partition(score, -count)[-count])
-    # of equal ones the first
+    # Ties go to the first pixel.
     best = np.sort(best[np.argsort(-score[best], kind="stable")[:count]])
     return best[score[best] > 0]
 
 
-def _smooth(
+def _draw_smooth(
     generator: np.random.Generator,
-    picture: tuple[int, int],
+    picture: tuple[int, ...],
     cell_px: float,
-    size: tuple[int, int] | None = None,
+    size: tuple[int, int],
 ) -> Single:
-    """Return a smooth field of unit variance.
+    """Draw a smooth field of unit variance.
 
     Parameters
     ----------
@@ -579,23 +538,13 @@ def _smooth(
     cell_px
         Pixels of a full picture over which the field changes.
     size
-        Rows and columns of the field; None: those of the picture.
+        Rows and columns of the field.
     """
     rows, columns = picture
     cell = cell_px * columns / FULL_COLUMNS
     coarse = generator.standard_normal((int(rows / cell) + 2, int(columns / cell) + 2))
-    down, right = size or picture
+    down, right = size
     field = cv2.resize(
         coarse.astype(np.float32), (right, down), interpolation=cv2.INTER_CUBIC
     )
     return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
-
-
-def _pixels_of(valid: Flags, lattice: Lattice) -> Index:
-    """Return the pixels of blocks."""
-    row, column = np.nonzero(valid)
-    inner = np.arange(lattice.block_px)
-    down = (row[:, None] * lattice.block_px + inner)[:, :, None]
-    right = (column[:, None] * lattice.block_px + inner)[:, None, :]
-    inside = (down < lattice.rows) & (right < lattice.columns)
-    return np.asarray((down * lattice.columns + right)[inside], dtype=np.intp)

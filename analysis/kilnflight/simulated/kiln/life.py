@@ -15,14 +15,15 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Index
-from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.fuel import are_sheets
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
-DELAY_S = (0.01, 0.05)  # from the landing to the flame; assumption
-FLICKER_HZ = 8.0  # of flames on the wall; assumption
+DELAY_S = (0.01, 0.05)  # time from the landing to the flame; assumption
+FLICKER_HZ = 8.0  # rate of flames on the wall; assumption
+# Mean times of flames on the wall of sheets and other particles; assumptions
 SHEET_S = 0.15
-BODY_S = 0.6  # mean time of a flame on the wall; assumption
+BODY_S = 0.6
 
 
 class Moment(NamedTuple):
@@ -31,7 +32,7 @@ class Moment(NamedTuple):
     particle: Index
     position_m: Array  # (m, 3)
     velocity_m_s: Array  # (m, 3)
-    burning: Flags  # with a flame
+    burning: Flags  # has a flame
     landed: Flags
     age_s: Array  # since the release
 
@@ -53,7 +54,7 @@ class Life:
 
     table: pd.DataFrame
     flights: Flights
-    share_on: float  # of a cycle in which a flame on the wall is there
+    share_on: float  # share of a cycle in which a flame on the wall is there
 
     @classmethod
     def of(
@@ -64,31 +65,37 @@ class Life:
         share_on: float,
         generator: np.random.Generator,
     ) -> Self:
-        """Return the life of particles: sizes and ``release_s`` in a table, and their
-        flights.
+        """Return the life of particles.
+
+        Parameters
+        ----------
+        table
+            ``fraction``, sizes and ``release_s``.
+        flights
+            Of the same particles.
+        geometry
+            Gives the places of the ends.
+        share_on
+            Share of a cycle in which a flame on the wall is there.
+        generator
+            Draws the flames on the wall.
         """
         n = len(table)
-        sheet = np.array(
-            [FRACTIONS[name].sheet for name in table["fraction"]], dtype=np.bool_
+        mean_s = np.where(are_sheets(table["fraction"]), SHEET_S, BODY_S)
+        end = geometry.to_camera(flights.position(flights.end_s))
+        table = table.reset_index(drop=True).assign(
+            particle=np.arange(n),
+            ignition_s=flights.ignition_s,
+            end_s=flights.end_s,
+            end=[ENDS[k] for k in flights.end],
+            end_x_mm=end[:, 0],
+            end_y_mm=end[:, 1],
+            end_z_mm=end[:, 2],
+            flame_delay_s=generator.uniform(*DELAY_S, n),
+            flame_s=mean_s * generator.exponential(size=n),
+            flicker_phase=generator.random(n),
         )
-        end = geometry.to_camera(np.reshape(flights.position(flights.end_s), (n, 3)))
-        return cls(
-            table.reset_index(drop=True).assign(
-                particle=np.arange(n),
-                ignition_s=flights.ignition_s,
-                end_s=flights.end_s,
-                end=[ENDS[k] for k in flights.end],
-                end_x_mm=end[:, 0],
-                end_y_mm=end[:, 1],
-                end_z_mm=end[:, 2],
-                flame_delay_s=generator.uniform(*DELAY_S, n),
-                flame_s=np.where(sheet, SHEET_S, BODY_S)
-                * generator.exponential(size=n),
-                flicker_phase=generator.random(n),
-            ),
-            flights,
-            share_on,
-        )
+        return cls(table, flights, share_on)
 
     @cached_property
     def release_s(self) -> Array:
@@ -99,7 +106,7 @@ class Life:
     def _flame(self) -> Array:
         """Delay in s, time in s and phase of the flames on the wall, (3, n)."""
         names = ["flame_delay_s", "flame_s", "flicker_phase"]
-        return np.ascontiguousarray(self.table[names].to_numpy(np.float64).T)
+        return self.table[names].to_numpy(np.float64).T
 
     @cached_property
     def over_s(self) -> Array:

@@ -9,7 +9,6 @@ of Table 5.15.
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
@@ -26,11 +25,11 @@ from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.scene import Scene, Twin
 from kilnflight.store import paths
-from kilnflight.store.cache import code_hash, locked, write_whole
+from kilnflight.store.cache import code_hash, locked, make_whole
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
-FRAMES = 160  # of a subset
+FRAMES = 160  # length of a subset
 RATE_HZ = 330.0  # sec. 2.1.4
 PE_RATE_HZ = 153.85
 PE_EXPOSURE_S = 6.0e-3  # small transparent granules need light (sec. 5.2.3)
@@ -62,13 +61,18 @@ LENGTHS: dict[str, tuple[int, int]] = {
 
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
-    """Return a labelled subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
+    """Return a labelled subset, V1 to V5; its frames 75 to 84 are labelled."""
     k = SUBSETS.index(name)
     counts = []
     for kind, (everywhere, within) in COUNTS.items():
         counts.append((kind, (within[k], everywhere[k] - within[k])))
-    number = 1000 * seed + k + 1
-    return Scene(name, FRAMES, number, labelled=tuple(counts), calibration=seed)
+    return Scene(
+        name=name,
+        frames=FRAMES,
+        seed=1000 * seed + k + 1,
+        labelled=tuple(counts),
+        calibration=seed,
+    )
 
 
 def campaign_name(fraction: str, pressure_bar: float) -> str:
@@ -81,36 +85,61 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
 
     Particles per second are the trajectories of Table 5.15 over the time in which they
     can have begun: the window and a median dwell time.
+
+    Parameters
+    ----------
+    fraction, pressure_bar
+        As in the thesis: 4.5 or 5 bar.
+    seed
+        Another seed gives other particles in the same kiln.
     """
-    place = (list(FRACTIONS).index(fraction), PRESSURES_BAR.index(pressure_bar))
-    granules = fraction == "PE granule"
-    frames = LENGTHS[fraction][place[1]]
-    rate = PE_RATE_HZ if granules else RATE_HZ
+    rate = RATE_HZ
+    optics = Optics()
+    if fraction == "PE granule":
+        rate = PE_RATE_HZ
+        optics = Optics(exposure_s=PE_EXPOSURE_S)
+    row = list(FRACTIONS).index(fraction)
+    column = PRESSURES_BAR.index(pressure_bar)
+    frames = LENGTHS[fraction][column]
     trajectories, window = WINDOWS[fraction]
+    per_second = trajectories / (window / rate + DWELL_S)
     return Scene(
         name=campaign_name(fraction, pressure_bar),
         frames=frames,
-        seed=1000 * seed + 10 * place[0] + place[1] + 100,
+        seed=1000 * seed + 10 * row + column + 100,
         frame_rate_hz=rate,
         fraction=fraction,
         pressure_bar=pressure_bar,
-        count=round(
-            trajectories / (window / rate + DWELL_S) * (frames / rate + LEAD_S)
-        ),
+        count=round(per_second * (frames / rate + LEAD_S)),
         calibration=seed,
-        optics=Optics(exposure_s=PE_EXPOSURE_S) if granules else Optics(),
+        optics=optics,
     )
 
 
 def started_and_whole(
     twin: Twin, starts: npt.ArrayLike, length: int, lasting: int = 15
 ) -> tuple[Index, Index]:
-    """Return how many flights start in so many frames from each start, and how many are
-    whole.
+    """Count the flights that start within so many frames of each start, and whole ones.
 
     The lance releases both in these frames. The first fly for ``lasting`` frames of
-    them, the second end in them as well. 15 is the time of
-    `kilnflight.experiments.flights.track_scores.lasting`.
+    them, the second end in them as well.
+
+    Parameters
+    ----------
+    twin
+        Its flights are counted.
+    starts
+        First frames of the windows (n,).
+    length
+        Frames of each window.
+    lasting
+        Least number of frames; 15 is that of
+        `kilnflight.experiments.flights.track_scores.lasting`.
+
+    Returns
+    -------
+    started, whole : array (n,)
+        Flights that start in each window, and those of them that also end in it.
     """
     begin = np.asarray(starts)[:, None]
     table = twin.life.table
@@ -135,14 +164,16 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     few may be too faint to be followed by hand.
 
     In a window shorter than a median flight few can be whole. That is so for the 100
-    frames of paper shreds, or 0.3 s. There all flights that start count. With
-    ``by_starts`` they count in all windows, cut or not.
+    frames of paper shreds, or 0.3 s. There all flights that start count.
+
+    Parameters
+    ----------
+    twin
+        A campaign.
+    by_starts
+        All flights that start count in all windows, cut or not.
     """
     fraction = twin.scene.fraction
-    if fraction not in WINDOWS:
-        raise InputError(
-            f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign."
-        )
     trajectories, length = WINDOWS[fraction]
     starts = np.arange(0, len(twin) - length + 1, 10)
     started, whole = started_and_whole(twin, starts, length)
@@ -153,52 +184,56 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     if by_starts:
         cut = np.zeros_like(started)
     far = np.abs(starts - STARTS[fraction])
-    best = int(starts[np.lexsort((far, cut, np.abs(counted - trajectories)))[0]])
-    return range(best, best + length)
+    best = np.lexsort((far, cut, np.abs(counted - trajectories)))[0]
+    start = int(starts[best])
+    return range(start, start + length)
 
 
 def downscaled(scene: Scene) -> Scene:
     """Return a scene for trials: a camera with a quarter of the rows and columns."""
     place = scene.geometry
-    around = scene.interior
-    depth = scene.depth
-    pixel = (place.lance_pixel[0] / 4, place.lance_pixel[1] / 4)
-    top, bottom, left, right = (edge // 4 for edge in around.flame_roi)
-    return replace(
-        scene,
-        geometry=replace(
-            place,
-            lance_pixel=pixel,
-            focal_length_px=place.focal_length_px / 4,
-            rows=place.rows // 4,
-            columns=place.columns // 4,
-        ),
-        interior=replace(
-            around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4
-        ),
-        depth=replace(depth, wall_points=depth.wall_points // 16),
+    row, column = place.lance_pixel
+    top, bottom, left, right = scene.interior.flame_roi
+    geometry = replace(
+        place,
+        lance_pixel=(row / 4, column / 4),
+        focal_length_px=place.focal_length_px / 4,
+        rows=place.rows // 4,
+        columns=place.columns // 4,
     )
+    interior = replace(
+        scene.interior,
+        flame_roi=(top // 4, bottom // 4, left // 4, right // 4),
+        edge_px=scene.interior.edge_px // 4,
+    )
+    depth = replace(scene.depth, wall_points=scene.depth.wall_points // 16)
+    return replace(scene, geometry=geometry, interior=interior, depth=depth)
 
 
-# Flames that are thin and long, none overexposed; bodies darker than the inlet plate
-_THIN: dict[str, Any] = {
-    "flame": 1.04,
-    "thick_mm": 1.25,
-    "gas_mm": 1.6,
-    "flame_softness": 0.35,
-    "tail_s": 2.5e-3,
-    "longest_tail_mm": 10.0,
-    "curl": 0.4,
-}
-_DARK = (("wood chip", 0.36), ("PE granule", 0.45))
-# Inputs that no work prints, at other values (notebooks 10, 22, 24 and 32).
+def _with_thin_flames(scene: Scene) -> Scene:
+    """Return a scene whose flames are thin and long, none overexposed."""
+    optics = replace(
+        scene.optics,
+        flame=1.04,
+        thick_mm=1.25,
+        gas_mm=1.6,
+        flame_softness=0.35,
+        tail_s=2.5e-3,
+        longest_tail_mm=10.0,
+        curl=0.4,
+    )
+    return replace(scene, optics=optics)
+
+
+_DARK = (("wood chip", 0.36), ("PE granule", 0.45))  # darker than the inlet plate
+# Inputs that no work prints, at other values (notebooks 10, 22, 24 and 32); from
+# thin-flames on those of data/reference/choices.csv
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "small": downscaled,
     "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
     "own-calibration": lambda s: replace(s, calibration=s.seed),
-    # the other values of choices that no work prints (data/reference/choices.csv)
-    "thin-flames": lambda s: replace(s, optics=replace(s.optics, **_THIN)),
+    "thin-flames": _with_thin_flames,
     "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
     "dark-bodies": lambda s: replace(s, optics=replace(s.optics, bodies=_DARK)),
     "no-clutter": lambda s: replace(s, interior=replace(s.interior, clutter=0.0)),
@@ -209,12 +244,20 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
 
 def scene_name(plain: str, scenario: str = "base") -> str:
     """Return the name of a subset or campaign under a scenario."""
-    return plain if scenario == "base" else f"{plain}@{scenario}"
+    if scenario == "base":
+        return plain
+    return f"{plain}@{scenario}"
 
 
 def open_scene(name: str, seed: int | None = None) -> Twin:
-    """Return the recording of a scene; ``name@scenario`` varies it, ``+`` joins
-    scenarios.
+    """Open the recording of a scene.
+
+    Parameters
+    ----------
+    name
+        A subset or campaign; ``name@scenario`` varies it, ``+`` joins scenarios.
+    seed
+        Another seed gives other particles in the same kiln; None: 0.
 
     Raises
     ------
@@ -228,28 +271,27 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     """
     plain, _, joined = name.partition("@")
     scenarios = joined.split("+") if joined else []
-    runs = product(FRACTIONS, PRESSURES_BAR)
-    campaigns = {
-        campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs
-    }
-    if plain not in (*SUBSETS, *campaigns) or not SCENARIOS.keys() >= set(scenarios):
+    campaigns = {campaign_name(*run): run for run in product(FRACTIONS, PRESSURES_BAR)}
+    known = (*SUBSETS, *campaigns)
+    if plain not in known or not SCENARIOS.keys() >= set(scenarios):
         raise InputError(
-            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each "
-            "also with variants behind @, such as V1@no-clutter+small: "
-            f"{', '.join(SCENARIOS)}."
+            f"no scene {name!r}; there are {', '.join(known)}, each also with variants "
+            f"behind @, such as V1@no-clutter+small: {', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if not 0 <= number < 2**63:
         raise InputError(f"scene {name}: seed is {number}, expected 0 to 2^63.")
-    run = campaigns.get(plain)
-    scene = campaign(*run, number) if run else ground_truth(plain, number)
+    if plain in campaigns:
+        scene = campaign(*campaigns[plain], number)
+    else:
+        scene = ground_truth(plain, number)
     for scenario in scenarios:
         scene = SCENARIOS[scenario](scene)
-    return Twin(replace(scene, name=plain if joined in ("", "base") else name))
+    return Twin(replace(scene, name=scene_name(plain, joined or "base")))
 
 
 def cached_scene(name: str, seed: int | None = None) -> Twin:
-    """Return the recording of a scene as `open_scene` does, sooner.
+    """Open the recording of a scene as `open_scene` does, sooner.
 
     Wall and pixels with depth depend on the scene alone and take seconds. They are kept
     in data/derived, under the hash of the scene and of the twin's code. Frames are the
@@ -261,22 +303,19 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
         As `open_scene`, or if the kept file cannot be read.
     """
     twin = open_scene(name, seed)
-    if name.partition("@")[2] not in (
-        "",
-        "small",
-    ):  # others are used once, and there are many
+    if name.partition("@")[2] not in ("", "small"):  # others are used once
         return twin
     text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
-    kept = f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
-    path = paths.derived() / kept
+    number = hashlib.sha256(text.encode()).hexdigest()[:12]
+    path = paths.derived() / f"scene-{number}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_suffix(".lock")):
         if not path.is_file():
-            np.savez(buffer := io.BytesIO(), **twin.still())  # type: ignore[arg-type]
-            write_whole(path, buffer.getvalue())
+            still: Any = twin.still()
+            make_whole(path, lambda part: np.savez(part, **still))
     try:
-        with np.load(path) as kept:  # without objects: a file cannot run code
+        with np.load(path) as kept:  # loads no objects: a file cannot run code
             twin.recall(dict(kept))
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise InputError(f"{path}: cannot be read ({error}). Delete it.") from error
     return twin

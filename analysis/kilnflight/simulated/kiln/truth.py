@@ -28,16 +28,20 @@ from kilnflight.store.cache import CachedTable
 # 5 % (WMO, meteorological optical range); assumption. The wall has 78 of 255 steps, so
 # that is 4.
 NOTED_STEPS = 4
-CLASSES = {
-    2: "burning in air",
-    3: "non-burning in air",
-    4: "burning on the wall",
-}  # Table 5.1
+# Table 5.1
+CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}
 
 
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
-    """Return both tables of the truth by name, for all frames or some."""
-    frames = range(len(twin)) if frames is None else frames
+    """Return the tables `particles` and `sightings`, of all frames or some.
+
+    Raises
+    ------
+    InputError
+        If the recording has not all of these frames.
+    """
+    if frames is None:
+        frames = range(len(twin))
     if not frames or frames[0] < 0 or frames[-1] >= len(twin):
         raise InputError(
             f"scene {twin.scene.name}: it has frames 0 to {len(twin) - 1}."
@@ -60,27 +64,22 @@ def particles(twin: Twin) -> pd.DataFrame:
         ``crossing_5m_s``: when the particle first was that far from the lance along the
         kiln, in s from its release; NaN if never.
     """
-    table = twin.life.table.copy()
-    crossed = twin.life.flights.crossings()
-    return table.assign(
-        **{f"crossing_{m}m_s": crossed[:, k] for k, m in enumerate(MARKS_M)}
-    )
+    columns = [f"crossing_{m}m_s" for m in MARKS_M]
+    crossed = pd.DataFrame(twin.life.flights.crossings(), columns=columns)
+    return twin.life.table.join(crossed)
 
 
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     """Return what a person marks in frames.
 
-    That is the `sightings` that are visible and in the ROI, without ``has_depth``.
-
-    The evaluation of detectors counts nothing else (section 5.1.3).
+    That is the `sightings` that are visible and in the region of interest, without
+    ``has_depth``. The evaluation of detectors counts nothing else (section 5.1.3).
     """
-    table = pd.concat([_seen(twin, t, twin.view(t)) for t in frames], ignore_index=True)
-    return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
+    return _join_marks(_see(twin, t, twin.view(t)) for t in frames)
 
 
 def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
-    """Return what is `marked` in frames, with the places that a person notes for
-    tracking.
+    """Return what is `marked` in frames, with the places noted for tracking.
 
     Section 5.2.1: positions are noted by hand, NaN where a particle is invisible. Fig.
     5.11 has means of 14 to 31 pixels.
@@ -96,7 +95,11 @@ def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     for t in frames:
         view = twin.view(t)
         row, col = _light_centroids(view, twin.empty(t))
-        parts.append(_seen(twin, t, view).assign(noted_row=row, noted_col=col))
+        parts.append(_see(twin, t, view).assign(noted_row=row, noted_col=col))
+    return _join_marks(parts)
+
+
+def _join_marks(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
     table = pd.concat(parts, ignore_index=True)
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
@@ -106,19 +109,16 @@ def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
 
     ``empty`` (rows, columns) is the picture without particles. See `noted`.
     """
-    recorded = [
-        np.minimum(picture, FULL_SCALE).ravel() for picture in (view.picture, empty)
-    ]
     place = view.pixels.place
-    lighter = recorded[0].take(place) - recorded[1].take(place)
+    seen = np.minimum(view.picture.take(place), FULL_SCALE)
+    lighter = seen - np.minimum(empty.take(place), FULL_SCALE)
     light = np.flatnonzero(view.shown & (lighter >= NOTED_STEPS * FULL_SCALE / 255))
     blob = view.pixels.blob[light]
     count = np.bincount(blob, minlength=len(view.visible)).astype(np.float64)
     count[count < VISIBLE_PX] = np.nan
     row, col = np.divmod(place[light], empty.shape[1])
-    return np.bincount(blob, row, len(count)) / count, np.bincount(
-        blob, col, len(count)
-    ) / count
+    rows = np.bincount(blob, row, len(count))
+    return rows / count, np.bincount(blob, col, len(count)) / count
 
 
 def at_notes(table: pd.DataFrame) -> pd.DataFrame:
@@ -139,7 +139,7 @@ def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
 
 
 def true_trajectories(twin: Twin, frames: range) -> pd.DataFrame:
-    """Return all visible positions of true trajectories in some frames, noted or not."""
+    """Return all visible positions of true trajectories in frames, noted or not."""
     return followed(kept_marks(twin, frames)())
 
 
@@ -159,7 +159,7 @@ def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
     view = twin.view(t)
     image = np.full(view.labels.shape, -1, dtype=np.int32)
     blob = view.pixels.blob[view.shown]
-    image.reshape(-1)[view.pixels.place[view.shown]] = view.blobs.particle[blob]
+    image.reshape(-1)[view.pixels.place[view.shown]] = view.moment.particle[blob]
     return image
 
 
@@ -178,13 +178,11 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     """
     view = twin.view(t)
     deep = np.isin(view.moment.particle, twin.particles_with_depth(t, view))
-    return _seen(twin, t, view).assign(has_depth=deep)
+    return _see(twin, t, view).assign(has_depth=deep)
 
 
-def _seen(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
-    """Return the `sightings` of frame ``t`` without ``has_depth``; ``view`` is its
-    picture.
-    """
+def _see(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
+    """Return the `sightings` of a view of frame ``t`` without ``has_depth``."""
     moment = view.moment
     geometry = twin.scene.geometry
     row = view.blobs.row

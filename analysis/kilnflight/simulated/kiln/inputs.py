@@ -1,0 +1,65 @@
+"""The inputs of a recording of the twin: a few parameters and a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from kilnflight.simulated.kiln.background import Interior
+from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.lenses import LensCamera
+from kilnflight.simulated.kiln.light import Optics
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that determines a recording of the twin.
+
+    A campaign has a ``fraction`` and a ``count`` of particles, a labelled subset
+    ``labelled``.
+
+    Parameters
+    ----------
+    name
+        Of the recording.
+    frames
+        Number of frames.
+    seed
+        Of all random numbers but the calibration's.
+    frame_rate_hz
+        Frames per second; 153.85 for PE granules (section 5.2.3).
+    fraction, pressure_bar
+        Of a campaign.
+    count
+        Particles that are fed.
+    handful
+        Mean number of particles in a handful; assumption.
+    labelled
+        By class of Table 5.1 the labels within the region of interest and outside it,
+        in ten frames.
+    calibration
+        Seed of the depth camera's calibration: one for all recordings of a camera.
+    geometry, optics, interior, depth
+        Kiln and camera, light, regions of the picture, and the depth camera.
+    """
+
+    name: str
+    frames: int
+    seed: int
+    frame_rate_hz: float = 330.0
+    fraction: str = "mixed"
+    pressure_bar: float = 4.5
+    count: int = 0
+    handful: float = 6.0
+    labelled: tuple[tuple[int, tuple[int, int]], ...] = ()
+    calibration: int = 0
+    geometry: Geometry = field(default_factory=Geometry)
+    optics: Optics = field(default_factory=Optics)
+    interior: Interior = field(default_factory=Interior)
+    depth: LensCamera = field(default_factory=LensCamera)
+
+    @property
+    def roi(self) -> tuple[tuple[float, float], ...]:
+        """Vertices (row, col) of the region of interest in px."""
+        rows = self.geometry.rows
+        columns = self.geometry.columns
+        return tuple((row * rows, col * columns) for row, col in self.interior.roi)
