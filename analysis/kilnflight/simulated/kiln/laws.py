@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Integers
-from kilnflight.scores.flights import METRES
+from kilnflight.scores.flights import MARKS_M
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
 
@@ -251,7 +251,7 @@ class Flights(NamedTuple):
         """
         k = np.where(self.k == 0, 1e-9, self.k)[:, None]
         with np.errstate(invalid="ignore", divide="ignore"):  # some come to rest before
-            times = np.log1p(k * np.array(METRES) / self.v0[:, None]) / k
+            times = np.log1p(k * np.array(MARKS_M) / self.v0[:, None]) / k
         return np.where(times <= self.end_s[:, None], times, np.nan)
 
 
