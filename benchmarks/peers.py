@@ -1,14 +1,12 @@
-"""Published trackers: a table of frame, row and col in, sorted by them, and each row's
-track out.
+"""Published trackers: a table of frame, row and col in, and each row's track out.
 
-=================  =========================  ==================================================
-tracker            package                    how it links
-=================  =========================  ==================================================
-`Trackpy`          trackpy 0.6 and later      nearest positions, optimal in each small
-group `LapTrack`         laptrack 0.16 and later    one assignment per frame; gaps are
-not closed `StoneSoupGNN`     stonesoup 1.5 and later    Kalman filter,
-``GNNWith2DAssignment``
-=================  =========================  ==================================================
+==============  =======================  ============================================
+tracker         package                  how it links
+==============  =======================  ============================================
+`Trackpy`       trackpy 0.6 and later    nearest positions, optimal in small groups
+`LapTrack`      laptrack 0.16 and later  one assignment per frame; gaps stay open
+`StoneSoupGNN`  stonesoup 1.5 and later  Kalman filter, ``GNNWith2DAssignment``
+==============  =======================  ============================================
 
 They come with ``pip install kilnflight[peer]`` and are imported when called. None uses
 depth or size. Stone Soup has only parts to build a tracker from. The loop here starts a
