@@ -1,7 +1,7 @@
 """Calibrate the camera above the belt: from pixels to millimetres.
 
-2016 paper, section IV.B. `find_corners` finds the belt's four corners in a picture, `calibrate_camera` maps them
-to mm. No parameter of the camera is used.
+2016 paper, section IV.B. `find_corners` finds the belt's four corners in a picture,
+`calibrate_camera` maps them to mm. No parameter of the camera is used.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Area:
         return (self.end_mm - self.start_mm) * self.width_mm
 
     def contains(self, places: Array) -> Flags:
-        """Return whether each place (n, 2), x and y in mm, lies in it or on its border."""
+        """Return whether each place (n, 2), x and y in mm, is inside or on an edge."""
         low, high = self.corners[[0, 2]]
         inside: Flags = ((places >= low) & (places <= high)).all(axis=1)
         return inside
@@ -160,8 +160,8 @@ def _find_line(
 def _edge_depth(picture: Picture, middle: Array, inwards: Array, level: float) -> Array:
     """Return where an edge is on n profiles across it, in px inwards (n,).
 
-    ``middle`` (n, 2) are row and col of the profiles' middles, ``inwards`` (2,) is their
-    direction, ``level`` the grey value of the edge. NaN where it is not visible.
+    ``middle`` (n, 2) are row and col of the profiles' middles, ``inwards`` (2,) is
+    their direction, ``level`` the grey value of the edge. NaN where it is not visible.
     """
     steps = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
     grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)

@@ -1,10 +1,11 @@
-"""A bar of valves driven by exact positions and by pictures, and what it separates.
+"""Drive a bar of valves by predictions of particles that enter the prediction phase.
 
-tracks or pictures -> Entering -> fitted models -> predictions -> valves -> shares that
-are hit
+::
+
+    tracks or pictures -> Entering -> fitted models -> predictions -> lots -> ValveBar
 
 Neither paper evaluates valves. The first half of the particles calibrates the models,
-the second half is reported.
+the second half is reported (notebook 45).
 """
 
 from __future__ import annotations
@@ -16,42 +17,12 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Flags, Integers
-from kilnflight.belt import COMBINATIONS
-from kilnflight.belt.models import (
-    CA,
-    CALV,
-    CVBC,
-    IV,
-    ArrivalModel,
-    LateralCA,
-    LateralCV,
-    LateralModel,
-    Straight,
-)
+from kilnflight.belt.models import ArrivalModel, LateralModel
 from kilnflight.belt.online import predict_arrivals
-from kilnflight.belt.phase import PredictionPhase
-from kilnflight.experiments.belt.paper_2016 import PictureTracks, followed_particles
 
 Models = Sequence[tuple[str, ArrivalModel, LateralModel]]
-
-# Fig. 10 of 2020 and two more: what a line-scan camera implies (one velocity for all,
-# straight), and constant velocity without its bias. Fig. 10 shows spreads, but a valve
-# suffers from a bias.
-VALVE_MODELS = (
-    ("IV-Straight", IV(), Straight()),
-    *COMBINATIONS,
-    ("CVBC-CV", CVBC(), LateralCV()),
-)
-# The belt's filter has a constant velocity, so models of acceleration are left out for
-# pictures.
-OF_VELOCITY = tuple(
-    (name, when, where)
-    for name, when, where in VALVE_MODELS
-    if not isinstance(when, CA | CALV) and not isinstance(where, LateralCA)
-)
-PASS_S = (
-    1000.0  # from one pass of the same recording to the next, longer than any recording
-)
+# From one pass of the same recording to the next, longer than any recording.
+PASS_S = 1000.0
 
 
 class Entering(NamedTuple):
@@ -73,22 +44,20 @@ class Entering(NamedTuple):
         Tracks without a particle are split at the median time of the last observations.
         The first half calibrates the models, the second tests them.
         """
-        first = (
-            self.arrival["time_s"].rank(method="first") <= len(self.arrival) / 2
-        ).to_numpy()
-        rows = self.rows
+        rank = self.arrival["time_s"].rank(method="first").to_numpy()
+        first = rank <= len(rank) / 2
         entry = self.last["time_s"]
-        early = (entry <= entry.median()).to_numpy()
-        early = np.where(rows >= 0, first[rows], early) if len(first) else early
-        first_half, second_half = (
-            self._replace(
-                last=self.last[tracks],
-                truth=self.truth[tracks],
-                arrival=self.arrival[particles],
-            )
-            for tracks, particles in ((early, first), (~early, ~first))
+        early = (entry <= entry.median()).to_numpy().copy()
+        matched = self.rows >= 0
+        early[matched] = first[self.rows[matched]]
+        return self._select(early, first), self._select(~early, ~first)
+
+    def _select(self, tracks: Flags, particles: Flags) -> Entering:
+        return self._replace(
+            last=self.last[tracks],
+            truth=self.truth[tracks],
+            arrival=self.arrival[particles],
         )
-        return first_half, second_half
 
     def fit(self, models: Models) -> Models:
         """Return name, arrival and lateral model, calibrated with known particles."""
@@ -96,14 +65,11 @@ class Entering(NamedTuple):
         target = self.target_mm
         last = self.last[matched].assign(particle=self.truth[matched])
         arrival = self.arrival.iloc[self.rows[matched]]
-        return [
-            (
-                name,
-                when.calibrated(last, arrival, target),
-                where.calibrated(last, arrival),
-            )
-            for name, when, where in models
-        ]
+        fitted = []
+        for name, when, where in models:
+            arrival_model = when.calibrated(last, arrival, target)
+            fitted.append((name, arrival_model, where.calibrated(last, arrival)))
+        return fitted
 
     def predict(self, when: ArrivalModel, where: LateralModel) -> pd.DataFrame:
         """Return time and place of all n tracks at the valves.
@@ -114,9 +80,7 @@ class Entering(NamedTuple):
 
     @property
     def missed_share(self) -> float:
-        """Share of the arriving particles that no track follows, so without a
-        prediction.
-        """
+        """Share of arriving particles that no track follows."""
         return float((~self.arrival["particle"].isin(self.truth)).mean())
 
 
@@ -161,27 +125,3 @@ def draw_lots(
     every = pd.concat([arrival] * passes, ignore_index=True)
     every["time_s"] += PASS_S * number
     return meant, every, np.tile(lot, passes) == number
-
-
-def of_bodies(bodies: pd.DataFrame, phase: PredictionPhase) -> Entering:
-    """Return exact tracks that enter the phase; each is its own particle.
-
-    ``bodies`` are `kilnflight.tables.BELT_TRACKS`.
-    """
-    observed = phase.observe(bodies)
-    truth = observed.last["particle"].to_numpy()
-    return Entering(observed.last, truth, observed.arrival, phase.target_mm)
-
-
-def of_pictures(
-    pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase
-) -> Entering:
-    """Return valid tracks from pictures that enter the phase.
-
-    ``bodies`` are exact `kilnflight.tables.BELT_TRACKS` at 1000 Hz, which give the true
-    particle of each track and the arrivals.
-    """
-    arrival = phase.observe(bodies).arrival
-    last = followed_particles(pictured, bodies)
-    truth = last["truth"].where(last["truth"].isin(arrival["particle"]), -1)
-    return Entering(last, truth.to_numpy(), arrival, phase.target_mm)

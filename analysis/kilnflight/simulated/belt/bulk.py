@@ -1,4 +1,4 @@
-"""Particles of the belt papers: shape, size and number."""
+"""Describe the particles of the belt papers: shape, size and number."""
 
 from __future__ import annotations
 
