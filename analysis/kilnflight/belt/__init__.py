@@ -2,9 +2,9 @@ r"""Sort on a belt: when and where a particle leaves it.
 
 The 2016 and 2020 papers::
 
-    pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
+    pictures -> spots -> camera's calibration -> tracker -> last states  (2016)
     tracks -> PredictionPhase -> last observation -> arrival, lateral model
-                              \-> observed arrival ---------> deviation  (2020)
+                              \-> observed arrival -> deviation         (2020)
                                               predictions -> events of valves ->
                                               separation
 

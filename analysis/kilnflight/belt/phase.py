@@ -122,7 +122,7 @@ class PredictionPhase:
         table = BELT_TRACKS.check(tracks)
         table = table.sort_values(["particle", "frame"], kind="stable")
         _check_frames(table)
-        columns = {name: table[name].to_numpy() for name in table}
+        columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
         starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
         ends = np.append(starts, len(table))[1:]
         frame = columns["frame"]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, Index, Picture
+from kilnflight.arrays import Array, Integers, Picture
 from kilnflight.belt.camera import TRACKED, Area, Calibration, check_picture
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS
@@ -103,7 +103,9 @@ class Spots:
         ]
         return np.concatenate([found[kept & ~shared], *parts])
 
-    def _pixels(self, picture: Picture, background: Picture) -> tuple[Index, Index]:
+    def _pixels(
+        self, picture: Picture, background: Picture
+    ) -> tuple[Integers, Integers]:
         """Return row and col (p, 2) of pixels in spots, and the spot of each (p,)."""
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
@@ -111,11 +113,11 @@ class Spots:
             mask, 8, cv2.CV_32S, cv2.CCL_GRANA
         )
         if count == 1:
-            return np.zeros((0, 2), np.intp), np.zeros(0, np.intp)
+            return np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
         # Few pixels are of spots: counting these takes a seventh of the time of
         # OpenCV's statistics of all of them.
-        pixels = np.reshape(cv2.findNonZero(mask), (-1, 2))[:, ::-1]
-        return pixels, np.asarray(labels)[pixels[:, 0], pixels[:, 1]] - 1
+        pixels = np.asarray(cv2.findNonZero(mask), np.int32).reshape(-1, 2)[:, ::-1]
+        return pixels, np.asarray(labels, np.int32)[pixels[:, 0], pixels[:, 1]] - 1
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
         """Return these spots with the median area of all as that of one particle.

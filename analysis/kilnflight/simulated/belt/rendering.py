@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
-from kilnflight.checks import InputError, check_columns, check_number
+from kilnflight.checks import InputError
 from kilnflight.simulated.belt.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
@@ -170,11 +170,11 @@ class Pictures:
         along -= middle
         scale = np.hypot(along[:, 0], along[:, 1])  # px per mm
         direction = np.arctan2(along[:, 0], along[:, 1])
-        sizes = scale[:, None] * self.bulk.outline_mm
+        sizes = scale[:, None] * np.array(self.bulk.outline_mm)
         return np.column_stack([middle, direction, sizes, end - middle])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
-        """Return each row's direction (n,) in rad; if unknown, one drawn per particle."""
+        """Return each row's direction (n,) in rad, drawn by particle if unknown."""
         if "angle_rad" in visible.columns:
             return visible["angle_rad"].to_numpy(np.float64)
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
@@ -204,16 +204,18 @@ class Pictures:
         top. Each is the mean of its places during the exposure, at most a pixel apart.
         """
         for row, col, angle, length, width, corner, down, ahead in outlines.tolist():
-            flat = (length - corner, width - corner)
-            reach = math.hypot(*flat) + corner + self.soft_px + 1.0
+            straight = length - corner
+            side = width - corner
+            reach = math.hypot(straight, side) + corner + self.soft_px + 1.0
             rows = _span(row, reach + abs(down) / 2)
             cols = _span(col, reach + abs(ahead) / 2)
+            turn = np.float32(math.cos(angle)), np.float32(math.sin(angle))
             _cover(
                 picture[rows, cols],
                 (rows.start, cols.start),
                 (row, col, down, ahead),
-                (np.float32(math.cos(angle)), np.float32(math.sin(angle))),
-                (*map(np.float32, flat), np.float32(corner), np.float32(self.soft_px)),
+                turn,
+                np.array([straight, side, corner, self.soft_px], np.float32),
                 max(1, math.ceil(math.hypot(down, ahead))),
                 self.particle_gray,
             )
@@ -230,7 +232,7 @@ def _cover(
     first: tuple[int, int],
     place: tuple[float, float, float, float],
     turn: tuple[np.float32, np.float32],
-    sizes: tuple[np.float32, np.float32, np.float32, np.float32],
+    sizes: Single,
     count: int,
     gray: float,
 ) -> None:
@@ -239,12 +241,15 @@ def _cover(
     The window ``part`` (rows, cols) begins at pixel ``first``, row and col. ``place``
     is row, col and the way during the exposure, down and right, in px; the particle is
     drawn at ``count`` places on it. ``turn`` is cosine and sine of its direction.
-    ``sizes`` are half length and half width without the corner radius, that radius, and
-    the width of an edge, in px. Shares are of single precision.
+    ``sizes`` (4,) are half length and half width without the corner radius, that
+    radius, and the width of an edge, in px. Shares are of single precision.
     """
     row, col, down, ahead = place
     c, s = turn
-    length, width, corner, soft = sizes
+    length = sizes[0]
+    width = sizes[1]
+    corner = sizes[2]
+    soft = sizes[3]
     zero = np.float32(0.0)
     half = np.float32(0.5)
     one = np.float32(1.0)
@@ -305,10 +310,8 @@ def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
     ------
     InputError
         If the tracks have no rows at such times, as 100 Hz for a camera of 200
-        frames/s, or the rate is not above 0.
+        frames/s.
     """
-    check_number(frames_per_s, "at_rate: frames_per_s", above=0)
-    check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
     exact = tracks["time_s"].to_numpy() * frames_per_s
     frame = np.rint(exact).astype(np.int64)
     kept = np.abs(exact - frame) < 1e-3
