@@ -20,7 +20,7 @@ few = settings(max_examples=15)
 
 
 def last_of(*rows, axis="x"):
-    """Particles at 0.5 s by place, velocity and acceleration along or across the belt."""
+    """Particles at 0.5 s by place, velocity and acceleration along an axis."""
     empty = pd.DataFrame(0.0, range(len(rows)), BELT_LAST.names)
     table = empty.assign(
         particle=range(len(rows)), time_s=0.5, x=623.0, velocity_x_mm_s=1000.0

@@ -19,7 +19,11 @@ from kilnflight.experiments.belt import paper_2020
 from kilnflight.experiments.belt.recorded import find_recordings, join_recordings
 from kilnflight.publication import data
 
-GOOD = "0.40,0.09,nan,nan,nan,nan\n0.41,0.09,0.39,0.05,nan,nan\nnan,nan,0.40,0.06,nan,nan\n"
+GOOD = (
+    "0.40,0.09,nan,nan,nan,nan\n"
+    "0.41,0.09,0.39,0.05,nan,nan\n"
+    "nan,nan,0.40,0.06,nan,nan\n"
+)
 
 
 def as_zip(folder, text):

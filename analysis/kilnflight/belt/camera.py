@@ -129,10 +129,8 @@ def find_corners(picture: Picture) -> BeltCorners:
         )
     ]
     corners = [_meet(lines[k - 1], line) for k, line in enumerate(lines)]
-    return BeltCorners(
-        np.array([place for place, _ in corners]),
-        np.array([spread for _, spread in corners]),
-    )
+    places, spreads = zip(*corners, strict=True)
+    return BeltCorners(np.array(places), np.array(spreads))
 
 
 def _find_line(

@@ -199,11 +199,9 @@ class PredictionPhase:
         final = _last(columns, ends - 1)
         velocity = final["velocity_y_mm_s"]
         gain = final["acceleration_y_mm_s2"]
-        wait = time_to_cover(
-            (self.target_mm - final["x"]).to_numpy(),
-            final["velocity_x_mm_s"].to_numpy(),
-            final["acceleration_x_mm_s2"].to_numpy(),
-        )
+        names = ["x", "velocity_x_mm_s", "acceleration_x_mm_s2"]
+        end, speed, change = final[names].to_numpy(np.float64).T
+        wait = time_to_cover(self.target_mm - end, speed, change)
         place = final["y"] + wait * velocity + wait**2 * gain / 2
         parabola = [final["time_s"] + wait, place, velocity + wait * gain]
         arrived = np.where(after < ends, line, parabola)

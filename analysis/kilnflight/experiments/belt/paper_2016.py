@@ -120,8 +120,7 @@ def noise_free(
         velocity from the last three positions, Tracking from the filter.
     """
     last, arrival, _ = phase.observe(bodies)
-    frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
-    tracked = last_states(rate_1000(phase.start_mm)(bodies, frames), 1 / TRUTH_HZ)
+    tracked = last_states(rate_1000(phase.start_mm)(bodies), 1 / TRUTH_HZ)
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
     states = {SIM: last, TRACKING: tracked, STRAIGHT: last}
     return _of_approaches(states, arrival, phase.target_mm)

@@ -108,12 +108,12 @@ def load_tracks(
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
         if files:
-            table = read_dem(files[name])
+            tracks[name] = read_dem(files[name])
         else:
-            table = friction(np.random.default_rng([seed, number]))
+            generator = np.random.default_rng([seed, number])
+            tracks[name] = friction(generator)
         if particles is not None:
-            table = first_to_enter(table, particles)
-        tracks[name] = table
+            tracks[name] = first_to_enter(tracks[name], particles)
     return tracks
 
 

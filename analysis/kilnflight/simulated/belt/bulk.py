@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 
-class Bulk(NamedTuple):
+@dataclass(frozen=True)
+class Bulk:
     """One bulk material of particles that lie on their largest face.
 
     Parameters
