@@ -306,7 +306,7 @@ def judge(arrival, pairs, beyond):
     worst = claims.all_of(*paper_2020.holds(pairs, "belt20-2", ["MAE"]))
     wins = [answer is True for answer in paper_2020.holds(pairs, "belt20-14")]
     better = pd.Series(np.reshape(wins, (3, 5)).sum(axis=1), DATA_SETS)
-    # Of cuboids IA, CA and CALV may be better than CVBC.
+    # IA, CA and CALV may be better than CVBC for cuboids.
     good = bool((better <= [2, 3, 2]).all())
     stop = "Spheres stop sliding in the phase"
     by_bias = "By the MAE alone, since the bias is named."

@@ -58,8 +58,8 @@ jobs = 2  # processes, one material each
 
 # %%
 style.use_style()
-first = paper_2016.PARTICLES[scale]  # to enter
-count = None if scale == "full" else first  # of spheres; all in a full run
+first = paper_2016.PARTICLES[scale]  # particles that enter first
+count = None if scale == "full" else first  # spheres; all in a full run
 setting = {"scale": scale, "count": count}
 origin = figures.trace("43_belt_prediction", setting, seed=seed, inputs=files.values())
 coarse = paper_2020.load_tracks(files, seed, count)
@@ -108,10 +108,10 @@ points.insert(0, "point", ["before", "crossing", "after"])
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM / 2)
 axes.axvline(0, color="0.5", lw=1.0, ls="--", label="target")
-first = points.iloc[0]
+before = points.iloc[0]
 along = points["x_mm"] - earlier.target_mm
-across = 1000.0 * (points["y_mm"] - first["y_mm"])
-since = points["time_ms"] - first["time_ms"]
+across = 1000.0 * (points["y_mm"] - before["y_mm"])
+since = points["time_ms"] - before["time_ms"]
 axes.plot(along, across, "-", color="0.4")
 for x, y, name, time in zip(along, across, points["point"], since, strict=True):
     axes.plot(x, y, "o", ms=7, label=f"{name}, {time:.2f} ms")
@@ -250,18 +250,17 @@ verdicts = judge(of_spheres)
 # (KIT-ISAS/TrackSort_Neural_Public, configs/) have 3.6e-7 m² and 18 m²/s³.
 
 # %%
+# Standard deviations of a measurement (mm) and of the acceleration (mm/s^2).
 filters = {
-    "ours": (
-        0.127,
-        2000.0,
-    ),  # standard deviations: measurement (mm), acceleration (mm/s^2)
+    "ours": (0.127, 2000.0),
     "smoother": (0.127, 500.0),
     "rougher": (0.127, 8000.0),
     "authors' program": (0.47, 17600.0),
     "authors' settings": (0.6, 60000.0),
 }
 exact = of_spheres[of_spheres["data"] == "noise-free"]
-spheres, frames = pictured["spheres"], len(pictures["spheres"])
+spheres = pictured["spheres"]
+frames = len(pictures["spheres"])
 follow = paper_2016.tracker_until(PHASE_2016.start_mm)
 rows = []
 robust = {}
@@ -289,10 +288,9 @@ columns = [
 columns += ["iqr", "mae_centred", "absolute_q95", "belt16-5", "belt16-7", "belt16-10"]
 tried = pd.concat(rows)[columns]
 caption = (
-    "Five filters on the same pictures of spheres: deviations at the edge (their "
-    "unit is in "
+    "Five filters on the same pictures of spheres: deviations at the edge (their unit "
+    "is in the quantity), and the verdicts that each gives."
 )
-caption += "the quantity), and the verdicts that each gives."
 figures.save("belt-filters", tried, caption=caption, provenance=origin)
 
 # %% [markdown]

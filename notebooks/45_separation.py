@@ -63,7 +63,7 @@ jobs = 2  # processes, one material each
 
 # %%
 style.use_style()
-count = paper_2016.PARTICLES[scale]  # in the pictures, of each material
+count = paper_2016.PARTICLES[scale]  # particles of each material in pictures
 setting = {"scale": scale, "count": count, "blown": blown}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = paper_2020.PHASE

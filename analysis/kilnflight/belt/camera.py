@@ -24,7 +24,8 @@ REACH_PX = 12.0  # a profile's length to each side of the edge
 TOLERANCE_PX = 1.0  # farthest point of a line from it
 LEAST_VISIBLE = 0.5  # share of an edge
 MOST_UNLIKE = 1.5  # ratio of the scales along and across: a camera 48 deg askew
-SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k + 1
+# Side k joins corners k and k + 1.
+SIDES = ("side y = 0", "end", "far side", "start")
 
 
 def check_picture(

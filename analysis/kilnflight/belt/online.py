@@ -30,8 +30,7 @@ from kilnflight.tables import BELT_LAST
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
-# From the last observation to the valves: 10 cm at 100 mm/s; choice.
-MOST_S = 1.0
+MOST_S = 1.0  # longest prediction: 10 cm at 100 mm/s; choice
 _TRACKER = BeltTracker()
 
 
@@ -229,7 +228,7 @@ def sort_pictures(
     >>> film = np.zeros((70, 200, 420), dtype=np.uint8)
     >>> for k in range(1, 50):
     ...     film[k, 100:108, 6 * k + 12 : 6 * k + 20] = 200
-    >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])  # of a px
+    >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])
     >>> measure = MeasureSpots(film[0], Spots(), Calibration(mm, 0.0, 1.0))
     >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
     >>> sorter = sort_pictures(enumerate(film), measure, (CV(), LateralCV()), schedule)

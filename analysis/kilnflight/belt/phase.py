@@ -31,7 +31,7 @@ from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
-CALIBRATION_SHARE = 0.01  # of the particles: "at most 1 %" (sec. 5)
+CALIBRATION_SHARE = 0.01  # "at most 1 % of all particles" (sec. 5)
 # Keys of `summarise_deviations`.
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high"]
 SUMMARY += ["iqr", "mae", "unpredicted"]

@@ -21,7 +21,7 @@ from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS
 
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
-TOUCHING_FROM = 1.5  # of a single particle's area: half-way between one and two
+TOUCHING_FROM = 1.5  # areas of a single particle: half-way between one and two
 LEAST_PX = 12.0  # smaller spots are noise: a disc of 1.7 mm across; not printed
 MOST_PARTS = 8  # a larger spot is left whole: these are not particles; choice
 

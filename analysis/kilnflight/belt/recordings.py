@@ -24,10 +24,10 @@ import pandas as pd
 from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
 
-TIME_STEP_S = 0.01  # of the public DEM files; the paper itself evaluated at 0.001 s
+TIME_STEP_S = 0.01  # public DEM files; the paper itself evaluated at 0.001 s
 REAL_FRAME_S = 0.005  # cv_model.py: dt
 MM_PER_PX = 0.056  # cv_model.py: "1 Pixel = 0.056 mm"
-# From where the authors predict: main.py, virtual_belt_edge_x_position.
+# The authors predict from here: main.py, virtual_belt_edge_x_position.
 CAMERA_END_PX = 800.0
 # main.py: virtual_nozzle_array_x_position; cv_model.py: x_pred_to.
 NOZZLES_PX = 1550.0

@@ -41,7 +41,7 @@ from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 # The last 10 cm of the belt (section IV).
 PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)
-# In pictures, by scale: "over 1000", section IV; notebook 43 takes all in a full run.
+# Particles in pictures: "over 1000", section IV; notebook 43 takes all in a full run.
 PARTICLES = {"quick": 40, "standard": 120, "full": 1500}
 TRUTH_HZ = 1000.0  # "the ground truth data was generated at 1000 Hz", section IV.B
 # Standard deviation of a measurement without noise; none at all has no S.
@@ -51,7 +51,7 @@ SIM = "Sim"
 TRACKING = "Tracking"
 STRAIGHT = "Straight"
 BACKGROUND_OF = 200  # pictures, evenly spread
-_REPLICATES = 1000  # of the bootstrap over particles
+_REPLICATES = 1000  # draws of the bootstrap over particles
 
 
 class PictureTracks(NamedTuple):

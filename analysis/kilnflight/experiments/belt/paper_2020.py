@@ -44,21 +44,21 @@ INPUT = {
     "(`make data`).",
 }
 DATA_SETS = tuple(MATERIALS)
-# By scale: draws of calibration particles, replicates of the bootstrap, and particles
-# of each material, the first to enter (none given: all).
+# Draws of calibration particles, replicates of the bootstrap, and the number of
+# particles that enter first, of each material (none given: all), by scale.
 CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}
 PARTICLES = {"quick": 1000}
 _CALIBRATIONS = 20  # draws that the replicates of a bootstrap share
 PHASE = PredictionPhase()
 FAST_HZ = 1000.0  # rate of the paper's own tracks (section 5)
-JITTER_MM = 2e-5  # of positions, below the digits of the public tracks; choice B3
+JITTER_MM = 2e-5  # below the digits of the public tracks; choice B3
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
 # First words of columns that are in ms or mm.
 _IN_UNITS = {"median", "q25", "q75", "iqr", "mae", "whisker", "excess"}
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
-# By id of a claim: models that should deviate less, models that should deviate more.
+# Models that should deviate less, and models that should deviate more, by claim.
 Orders = Mapping[str, Sequence[tuple[Sequence[str], Sequence[str]]]]
 
 
@@ -397,7 +397,7 @@ def bootstrap(
 def _measures(values: Array) -> Array:
     """Return MAE and IQR (2, models) of deviations (n, models), NaN ignored."""
     quantile = np.quantile
-    # Without NaN numpy takes all columns at once, which is much faster.
+    # NumPy takes all columns at once if none holds NaN, which is much faster.
     if np.isnan(values).any():
         quantile = np.nanquantile
     spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))

@@ -64,7 +64,7 @@ class CameraView:
         angles = [self.turned_deg, self.tilted_deg]
         turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
         middle = BELT.corners.mean(axis=0)
-        # From above: x to the right, y down, depth away from the camera.
+        # Seen from above: x to the right, y down, depth away from the camera.
         depth = self.height_mm - places[:, 2]
         away = np.column_stack([places[:, :2] - middle, depth]) @ turn.T
         # The camera is moved sideways so that the tilted axis still meets the belt's
@@ -263,7 +263,7 @@ def _cover(
                 u = abs(right * c + below * s) - length
                 v = abs(below * c - right * s) - width
                 distance = min(max(u, v), zero) - corner
-                if u > zero and v > zero:  # beside a corner
+                if u > zero and v > zero:  # the nearest point is a corner's
                     far = math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2)
                     distance = np.float32(far) - corner
                 elif u > zero or v > zero:
