@@ -286,6 +286,7 @@ gains_speed = bool(speed.diff().min().min() > 0)
 below_belt = bool(speed.max().max() < 1.5)
 
 
+# %%
 def judge(arrival, pairs, beyond):
     """Return the verdicts on the paper's sentences."""
 
@@ -326,6 +327,7 @@ def judge(arrival, pairs, beyond):
     ]
 
 
+# %%
 verdicts = judge(arrival, pairs, beyond)
 
 # %% [markdown]

@@ -227,6 +227,7 @@ lose_more = [claims.beyond(*ends) for ends in zip(least, most, strict=True)]
 linear = claims.all_of(straight_line, *lose_more)
 
 
+# %%
 def judge(lateral, pairs):
     """Return the verdicts on the paper's sentences."""
     wide = lateral.pivot(index="data_set", columns="model").loc[[*DATA_SETS]]

@@ -192,6 +192,7 @@ def pass_ten_times(predicted, truth, arrival):
     return meant[np.isfinite(in_pass)], every, np.tile(drawn, passes) == number
 
 
+# %%
 def separate(last, arrival, tested):
     """Return the shares that are hit, in percent, by model and bar."""
     rows = []
