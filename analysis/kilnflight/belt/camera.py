@@ -78,9 +78,9 @@ class Area:
 
     def contains(self, places: Array) -> Flags:
         """Return whether each place (n, 2), x and y in mm, is inside or on an edge."""
-        low, high = self.corners[[0, 2]]
-        inside: Flags = ((places >= low) & (places <= high)).all(axis=1)
-        return inside
+        x, y = places.T
+        along = (x >= self.start_mm) & (x <= self.end_mm)
+        return along & (y >= 0) & (y <= self.width_mm)
 
 
 BELT = Area()

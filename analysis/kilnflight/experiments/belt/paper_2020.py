@@ -381,16 +381,17 @@ def bootstrap(
     draws = []
     for _ in range(min(_CALIBRATIONS, replicates)):
         calibration = draw_particles(count, max(1, count // 100), generator)
-        draws.append(pd.DataFrame(dict(deviations(observed, phase, calibration))))
+        draws.append(dict(deviations(observed, phase, calibration)))
+    values = [np.column_stack(list(draw.values())) for draw in draws]
     samples = []
     for replicate in range(replicates):
-        values = draws[replicate % len(draws)].to_numpy()
-        drawn = generator.integers(0, len(values), len(values))
-        samples.append(_measures(values[drawn]))
+        of_draw = values[replicate % len(draws)]
+        drawn = generator.integers(0, len(of_draw), len(of_draw))
+        samples.append(_measures(of_draw[drawn]))
     by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
     return {
-        name: pd.DataFrame(values, columns=draws[0].columns)
-        for name, values in by_measure
+        name: pd.DataFrame(sample, columns=list(draws[0]))
+        for name, sample in by_measure
     }
 
 
