@@ -259,6 +259,7 @@ picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm
 errors = later.pivot(index="start_mm", columns="model", values="mae_ms")[[*models]]
 left.semilogy(errors, label=models)
 left.set_ylabel("mean absolute error (ms)")
+left.yaxis.set_major_formatter("{x:g}")
 shares = later[later["model"] == "CA"].set_index("start_mm").iloc[:, -2:]
 right.plot(shares, label=["predicted beyond", "slide"])
 right.set(ylabel="spheres (%)", ylim=(0, 100))
