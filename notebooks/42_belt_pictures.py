@@ -32,11 +32,10 @@ Markdown(paper_2020.INPUT[paper_2020.AUTHORS if files else paper_2020.OWN])
 
 # %% [markdown]
 # The public tracks are those of the 2020 paper, whose spheres have another friction
-# than those of
-# 2016. They have 100 Hz; a cubic spline through each one gives the camera's 200
-#       frames/s. The
-# camera has the printed size, scale and rate. Its height and its small tilt are
-# assumptions. The tracker knows neither the camera nor the true places.
+# than those of 2016. They have 100 Hz; a cubic spline through each one gives the
+# camera's 200 frames/s. The camera has the printed size, scale and rate. Its height and
+# its small tilt are assumptions. The tracker knows neither the camera nor the true
+# places.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -180,8 +179,8 @@ step = max(
 )
 costs = follow.likelihoods(step.detected, step.pairs)
 pairs = step.pairs[:2]
-n = len(costs.unobserved)
-m = len(costs.new)  # tracks and measurements
+n = len(costs.unobserved)  # tracks
+m = len(costs.new)  # measurements
 whole = np.full((n + m, m + n), np.inf)
 whole[pairs] = costs.costs
 whole[n:, m:] = 0.0

@@ -1,4 +1,4 @@
-"""The authors' DEM tracks and recordings, and the belt's velocity in these."""
+"""The authors' DEM tracks and recordings."""
 
 import gzip
 import zipfile
@@ -8,27 +8,22 @@ import pandas as pd
 import pytest
 
 from kilnflight.belt import PredictionPhase
-from kilnflight.belt.camera import Area
 from kilnflight.belt.recordings import (
     HISTORY,
-    estimate_velocity,
     list_recordings,
     read_dem,
     read_recording,
 )
-from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt import paper_2020
-from kilnflight.experiments.belt.recorded import (
-    compare_links,
-    find_recordings,
-    join_recordings,
-    links,
-)
+from kilnflight.experiments.belt.recorded import find_recordings, join_recordings
 from kilnflight.publication import data
-from kilnflight.tracking.filter import ConstantVelocity
 
-GOOD = "0.40,0.09,nan,nan,nan,nan\n0.41,0.09,0.39,0.05,nan,nan\nnan,nan,0.40,0.06,nan,nan\n"
+GOOD = (
+    "0.40,0.09,nan,nan,nan,nan\n"
+    "0.41,0.09,0.39,0.05,nan,nan\n"
+    "nan,nan,0.40,0.06,nan,nan\n"
+)
 
 
 def as_zip(folder, text):
@@ -96,7 +91,6 @@ def test_positions_and_the_tracks_of_the_authors(path):
         [0, 30, 50, -1],
         [1, 95, 5.5, 0],
     ]
-    assert links(table, "author_track").tolist() == [(0, 2)]
     alone = path.with_name("002.csv.gz")
     write(alone, MIDPOINTS + ROWS)
     assert (read_recording(alone)["author_track"] == -1).all()
@@ -139,62 +133,6 @@ def test_a_recording_without_a_measurement_is_empty_and_joins(path, rows):
         both["frame"][len(whole) :].to_numpy() - both["frame"][: len(whole)].to_numpy()
     )
     assert (apart == whole["frame"].max() + 2 * 100).all()
-
-
-def recording(step=62.0, particles=40, spread=1.0, seed=0, every=7):
-    """Particles one after the other, each seen 12 times, at places across the belt by
-    chance.
-    """
-    generator = np.random.default_rng(seed)
-    rows = [
-        (
-            start * every + k,
-            30.0 + step * k + generator.normal(0, spread),
-            across,
-            start,
-        )
-        for start, across in enumerate(generator.uniform(100, 2000, particles))
-        for k in range(12)
-    ]
-    return pd.DataFrame(rows, columns=["frame", "x", "y", "author_track"])
-
-
-def test_the_velocity_is_that_of_the_particles():
-    dirt = pd.DataFrame(
-        {"frame": range(280), "x": 500.0, "y": 50.0, "author_track": -1}
-    )
-    found = estimate_velocity(
-        pd.concat([recording(), dirt]).sample(frac=1, random_state=1)
-    )
-    assert found.px_per_frame == pytest.approx(62, abs=0.3)
-    assert found.spread_px == pytest.approx(
-        np.sqrt(2), rel=0.2
-    )  # two measurements of 1 px
-    assert found.pairs == 40 * 11
-
-
-def test_an_ambiguous_velocity_is_refused():
-    two = pd.concat([recording(60.0), recording(90.0, seed=4)])
-    for table in (recording().iloc[:0], recording(particles=1), two):
-        with pytest.raises(InputError, match="weizen"):
-            estimate_velocity(table, "weizen")
-
-
-def test_links_of_the_tracker_are_those_of_the_authors():
-    """Of made-up recordings all are found; a missed frame and a swap cost the right
-    ones.
-    """
-    table = recording()
-    motion = ConstantVelocity((62.0, 0.0), 8.0, measurement_sd=1.0)
-    appearance = Appearance(Area(0, 1700, 2250), 0.5, 62.0, 10.0)
-    followed = BeltTracker(motion, appearance, frame_s=1.0)(table)
-    assert compare_links(table, followed)["recall_percent"] == 100.0
-    measured = pd.DataFrame({"frame": range(5), "author_track": [0, 0, 0, 1, 1]})
-    states = pd.DataFrame({"row": [0, 1, -1, 2, 3], "particle": [7, 7, 7, 8, 8]})
-    shares = compare_links(measured, followed._replace(states=states))
-    assert shares["recall_percent"] == pytest.approx(100 / 3)
-    assert (shares["links_authors"], shares["links_tracker"]) == (3, 2)
-    assert shares["agreed_percent"] == 50.0
 
 
 BAD = ("0,1,2\n", "0.4,nan\n0.5,0.1\n", "0.4,0.1\n0.4,abc\n", "0.4,inf\n0.5,0.1\n", "")

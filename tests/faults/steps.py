@@ -22,7 +22,6 @@ from kilnflight import background, belt, camera, flight
 from kilnflight.association import joint_probabilities
 from kilnflight.belt.camera import BeltCorners, calibrate_camera
 from kilnflight.belt.phase import Observed, PredictionPhase
-from kilnflight.belt.recordings import estimate_velocity
 from kilnflight.belt.tracker import BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.detection import wall
@@ -78,10 +77,6 @@ ANGLE = RNG.random(200) * 6
 PIPE = np.stack(
     [2000 * np.cos(ANGLE), 2000 * np.sin(ANGLE), 5000 + 3000 * RNG.random(200)], 1
 )
-BANDS = pd.DataFrame(
-    {"frame": (f := np.arange(300) // 10), "x": 20.0 * f + 3 * np.arange(300) % 30}
-)
-BANDS["y"] = 40.0 * (np.arange(300) % 10)
 LIT, FIT = 500.0 + (np.arange(40) > 20) * 900.0, regress(FLOWN, EXIT, 100.0)
 FITTED = regress_all(FLOWN, EXIT, 100.0)
 FILE = TRACKS.assign(gray=500.0)[["frame", "particle", "row", "col", "gray", *"xyz"]]
@@ -135,7 +130,6 @@ STEPS_AND_INPUT = {
     "observe": (lambda tracks: [*PHASE.observe(tracks)][:2], {"tracks": on_belt()}, ""),
     "carry": (lambda last: PHASE.carry(Observed(last, SEEN.arrival, {})).last, {"last": SEEN.last}, "*:a+row+twice"),
     "belt tracker": (lambda measured: BeltTracker()(measured).states, {"measured": on_belt()[["frame", "x", "y"]]}, ""),
-    "estimate_velocity": (estimate_velocity, {"measured": BANDS}, ""),
     "calibrate_camera": (lambda corners: calibrate_camera(BeltCorners(corners, np.ones(4))).matrix, {"corners": CORNERS}, ""),
     "plot_tracks": (lambda tracks: len(kilnflight.plot_tracks(FILM, tracks).axes[0].lines), {"tracks": PIXELS}, "frame:below"),
     "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths source:huge"),

@@ -1,10 +1,10 @@
-r"""The belt sorter: when and where a particle leaves the belt.
+r"""Sort on a belt: when and where a particle leaves it.
 
 The 2016 and 2020 papers::
 
-    pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
-    tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
-                              \-> observed arrival -----------------> deviation  (2020)
+    pictures -> spots -> camera's calibration -> tracker -> last states  (2016)
+    tracks -> PredictionPhase -> last observation -> arrival, lateral model
+                              \-> observed arrival -> deviation         (2020)
                                               predictions -> events of valves ->
                                               separation
 
@@ -16,7 +16,6 @@ Pictures and tracks are input: those of `kilnflight.simulated.belt`, or the auth
 ==========  ==========  ===========================================  ================
 arrival     equation    parameter from calibration                   reference
 ==========  ==========  ===========================================  ================
-`ID`        t_L + t_A   median delay (beside the models compared)    sec. 4.1
 `IV`        Eq. 1       median velocity in the prediction phase      sec. 4.1
 `CV`        Eq. 3       none                                         sec. 4.1
 `CVBC`      Eq. 3       median delay of CV (bias)                    sec. 4.1

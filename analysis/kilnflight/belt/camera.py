@@ -1,32 +1,31 @@
-"""The belt and the camera above it: from pixels to millimetres (2016 paper, section
-IV.B).
+"""Calibrate the camera above the belt: from pixels to millimetres.
 
-`find_corners` finds the belt's four corners in a picture, `calibrate_camera` maps them
-to mm. No parameter of the camera is used.
+2016 paper, section IV.B. `find_corners` finds the belt's four corners in a picture,
+`calibrate_camera` maps them to mm. No parameter of the camera is used.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import scipy  # stats on first use: they take a quarter of a second
+import scipy  # scipy.stats loads on first use: it takes a quarter of a second
 
 from kilnflight.arrays import Array, Flags, Picture
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
 from kilnflight.checks import InputError, check_finite
 
-PROFILES = 200  # across each side of the belt; choice, as are the next three
+# All five are choices.
+PROFILES = 200  # across each side of the belt
 REACH_PX = 12.0  # a profile's length to each side of the edge
 TOLERANCE_PX = 1.0  # farthest point of a line from it
 LEAST_VISIBLE = 0.5  # share of an edge
-MOST_UNLIKE = (
-    1.5  # ratio of the scales along and across: a camera that is 48 deg askew; choice
-)
-SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k + 1
+MOST_UNLIKE = 1.5  # ratio of the scales along and across: a camera 48 deg askew
+# Side k joins corners k and k + 1.
+SIDES = ("side y = 0", "end", "far side", "start")
 
 
 def check_picture(
@@ -47,8 +46,13 @@ def check_picture(
 class Area:
     """A rectangle of the belt in the coordinates of the tracks.
 
-    x is along the belt, from ``start_mm`` to ``end_mm``; y is across it, from 0 to
-    ``width_mm``.
+    Parameters
+    ----------
+    start_mm, end_mm
+        Limits of x, along the belt. The defaults are the belt of the authors' files,
+        "a total length of 40 cm" (2016, section IV).
+    width_mm
+        Limit of y, across the belt, from 0 (2020, section 3).
     """
 
     start_mm: float = BELT_START_MM
@@ -64,10 +68,8 @@ class Area:
     @property
     def corners(self) -> Array:
         """Its corners (4, 2), x and y in mm: start, end, end, start; y = 0 first."""
-        start = self.start_mm
-        end = self.end_mm
-        width = self.width_mm
-        return np.array([[start, 0.0], [end, 0.0], [end, width], [start, width]])
+        x = [self.start_mm, self.end_mm, self.end_mm, self.start_mm]
+        return np.column_stack([x, [0.0, 0.0, self.width_mm, self.width_mm]])
 
     @property
     def square_mm(self) -> float:
@@ -75,11 +77,10 @@ class Area:
         return (self.end_mm - self.start_mm) * self.width_mm
 
     def contains(self, places: Array) -> Flags:
-        """Return whether each place (n, 2), x and y in mm, lies in it or on its border."""
+        """Return whether each place (n, 2), x and y in mm, is inside or on an edge."""
         x, y = places.T
-        return (
-            (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
-        )
+        along = (x >= self.start_mm) & (x <= self.end_mm)
+        return along & (y >= 0) & (y <= self.width_mm)
 
 
 BELT = Area()
@@ -123,15 +124,17 @@ def find_corners(picture: Picture) -> BeltCorners:
     """
     rough, level = _outline(picture)
     lines = [
-        _line(picture, rough[k], rough[(k + 1) % 4], level, SIDES[k]) for k in range(4)
+        _find_line(picture, start, stop, level, side)
+        for start, stop, side in zip(
+            rough, np.roll(rough, -1, axis=0), SIDES, strict=True
+        )
     ]
-    places, spreads = zip(
-        *(_meet(lines[k - 1], lines[k]) for k in range(4)), strict=True
-    )
+    corners = [_meet(lines[k - 1], line) for k, line in enumerate(lines)]
+    places, spreads = zip(*corners, strict=True)
     return BeltCorners(np.array(places), np.array(spreads))
 
 
-def _line(
+def _find_line(
     picture: Picture, start: Array, stop: Array, level: float, side: str
 ) -> _Line:
     """Return the line through an edge's points between two rough corners.
@@ -143,30 +146,51 @@ def _line(
     middle = start + share[:, None] * (stop - start)
     along = (stop - start) / np.linalg.norm(stop - start)
     inwards = np.array([along[1], -along[0]])
+    depth = _edge_depth(picture, middle, inwards, level)
+    u, fit = _fit_line(middle @ along, middle @ inwards + depth, side)
+    turned = along + fit.slope * inwards
+    return _Line(
+        point=u * along + fit.intercept * inwards,
+        along=turned / np.linalg.norm(turned),
+        variance=np.array([fit.intercept_stderr, fit.stderr]) ** 2,
+    )
+
+
+def _edge_depth(picture: Picture, middle: Array, inwards: Array, level: float) -> Array:
+    """Return where an edge is on n profiles across it, in px inwards (n,).
+
+    ``middle`` (n, 2) are row and col of the profiles' middles, ``inwards`` (2,) is
+    their direction, ``level`` the grey value of the edge. NaN where it is not visible.
+    """
     steps = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
     grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
-    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(
-        float
-    )
-    depth = _crossing(profile - level, steps)
-    visible = np.isfinite(depth)
+    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
+    return _crossing(profile.astype(float) - level, steps)
+
+
+def _fit_line(u: Array, v: Array, side: str) -> tuple[float, Any]:
+    """Fit a line to points (n,) that agree on one, v over u in px; NaN is no point.
+
+    Returns
+    -------
+    middle : float
+        Mean u of these points.
+    fit
+        Result of `scipy.stats.linregress`, with u counted from ``middle``. So the
+        errors of slope and intercept are independent.
+    """
+    visible = np.isfinite(v)
     _check_visible(visible, side)
-    # A line through the points that agree on one, from the median of slopes on.
-    u = middle @ along
-    v = middle @ inwards + depth
+    # The median of slopes is a robust start.
     slope, offset = scipy.stats.theilslopes(v[visible], u[visible])[:2]
     for _ in range(5):
-        inliers = visible & (np.abs(v - offset - slope * u) < TOLERANCE_PX)
+        inliers = np.abs(v - offset - slope * u) < TOLERANCE_PX
         _check_visible(inliers, side)
-        middle_u = u[inliers].mean()
-        # With u counted from its mean, the errors of slope and intercept are
-        # independent.
-        fit = scipy.stats.linregress(u[inliers] - middle_u, v[inliers])
-        slope, offset = fit.slope, fit.intercept - fit.slope * middle_u
-    point = middle_u * along + fit.intercept * inwards
-    turned = along + slope * inwards
-    variance = np.array([fit.intercept_stderr, fit.stderr]) ** 2
-    return _Line(point, turned / np.linalg.norm(turned), variance)
+        middle = u[inliers].mean()
+        fit = scipy.stats.linregress(u[inliers] - middle, v[inliers])
+        slope = fit.slope
+        offset = fit.intercept - slope * middle
+    return middle, fit
 
 
 def _check_visible(visible: Flags, side: str) -> None:
@@ -201,8 +225,9 @@ def _outline(picture: Picture) -> tuple[Array, float]:
     outside = np.median(picture[~area])
     points = np.argwhere(area)[:, ::-1].astype(np.float32)
     box = cv2.boxPoints(cv2.minAreaRect(points)).astype(float)[:, ::-1]  # row, col
-    by_angle = np.argsort(np.arctan2(*(box - box.mean(axis=0)).T))  # upper left first
-    return box[by_angle], float(inside + outside) / 2
+    down, right = (box - box.mean(axis=0)).T
+    upper_left_first = np.argsort(np.arctan2(down, right))
+    return box[upper_left_first], float(inside + outside) / 2
 
 
 def _crossing(height: Array, steps: Array) -> Array:
@@ -215,29 +240,27 @@ def _crossing(height: Array, steps: Array) -> Array:
     sign = height > 0
     changes = sign[:, 1:] != sign[:, :-1]
     first = changes.argmax(axis=1)
-    # A noisy edge may cross several times within four samples; farther apart, something
+    # A noisy edge may cross several times within four samples. Farther apart, something
     # hides it.
     last = changes.shape[1] - 1 - changes[:, ::-1].argmax(axis=1)
     once = changes.any(axis=1) & (last - first <= 4) & (sign[:, 0] != sign[:, -1])
     rows = np.arange(len(height))
     before = height[rows, first]
     after = height[rows, first + 1]
-    share = np.divide(
-        before, before - after, out=np.full_like(before, np.nan), where=once
-    )
+    share = np.full_like(before, np.nan)
+    np.divide(before, before - after, out=share, where=once)
     return steps[first] + share * (steps[1] - steps[0])
 
 
 def _meet(line: _Line, other: _Line) -> tuple[Array, float]:
     """Return row and col (2,) where two lines cross, and the standard error, in px."""
-    far = np.linalg.solve(
-        np.column_stack([line.along, -other.along]), other.point - line.point
-    )
-    variances = [
+    directions = np.column_stack([line.along, -other.along])
+    far = np.linalg.solve(directions, other.point - line.point)
+    variance = sum(
         edge.variance[0] + distance**2 * edge.variance[1]
         for edge, distance in zip((line, other), far, strict=True)
-    ]
-    return line.point + far[0] * line.along, float(np.sqrt(sum(variances)))
+    )
+    return line.point + far[0] * line.along, float(np.sqrt(variance))
 
 
 class Calibration(NamedTuple):
@@ -253,9 +276,8 @@ class Calibration(NamedTuple):
 
     def pixels(self, places: Array) -> Array:
         """Return row and col in px (n, 2) of x and y on the belt in mm (n, 2)."""
-        return _mapped(np.asarray(np.linalg.inv(self.matrix), np.float64), places)[
-            :, ::-1
-        ]
+        inverse = np.asarray(np.linalg.inv(self.matrix), np.float64)
+        return _mapped(inverse, places)[:, ::-1]
 
     def window(
         self, area: Area, margin_px: float, shape: tuple[int, int]
@@ -267,12 +289,13 @@ class Calibration(NamedTuple):
         corners = self.pixels(area.corners)
         low = np.floor(corners.min(axis=0) - margin_px).clip(0).astype(int)
         high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
-        return slice(low[0], min(shape[0], high[0])), slice(
-            low[1], min(shape[1], high[1])
-        )
+        top, left = low
+        bottom, right = np.minimum(high, shape)
+        return slice(top, bottom), slice(left, right)
 
 
 def _mapped(matrix: Array, places: Array) -> Array:
+    """Return places (n, 2) mapped by a homography (3, 3)."""
     mapped = np.column_stack([places, np.ones(len(places))]) @ matrix.T
     return mapped[:, :2] / mapped[:, 2:]
 
@@ -283,9 +306,9 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Parameters
     ----------
     corners
-        Row and col (4, 2) in px, from `find_corners`.
+        From `find_corners`; places are row and col (4, 2) in px.
     belt
-        The whole belt, in mm.
+        The whole belt, in mm; the default is that of both papers.
 
     Returns
     -------
@@ -306,6 +329,15 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     parallax: a camera at height h sees a particle's centre at height z displaced
     outwards. The displacement is about z / h times the distance from the place under
     the camera.
+
+    Examples
+    --------
+    >>> places = np.array([[10, 10], [10, 810], [370, 810], [370, 10]])
+    >>> calibration = calibrate_camera(BeltCorners(places, spread_px=np.full(4, 0.02)))
+    >>> calibration.mm_per_px, calibration.error_mm
+    (0.5, 0.01)
+    >>> calibration.millimetres(np.array([[190.0, 410.0]])).round(3)
+    array([[588.,  90.]])
     """
     places = check_finite(corners.places, "corners", (4, 2))
     pixels = places[:, ::-1].astype(np.float32)
@@ -314,17 +346,24 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
             "corners: pass upper left, upper right, lower right, lower left."
         )
     matrix = cv2.getPerspectiveTransform(pixels, belt.corners.astype(np.float32))
-    sides = [
-        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1)
-        for ends in (belt.corners, places)
-    ]
-    along, across = (sides[0][k::2].sum() / sides[1][k::2].sum() for k in (0, 1))
+    mm = _sides(belt.corners)
+    px = _sides(places)
+    along = mm[::2].sum() / px[::2].sum()
+    across = mm[1::2].sum() / px[1::2].sum()
     if max(along, across) > MOST_UNLIKE * min(along, across):
         raise InputError(
             f"belt: {along:.3g} mm per px along it, {across:.3g} across it. Turn the "
             "picture so that the belt runs to the right, or set the belt's length and "
             "width."
         )
-    scale = float(sides[0].sum() / sides[1].sum())
-    error = scale * float(corners.spread_px.max())
-    return Calibration(np.asarray(matrix, np.float64), error, scale)
+    scale = float(mm.sum() / px.sum())
+    return Calibration(
+        matrix=np.asarray(matrix, np.float64),
+        error_mm=scale * float(corners.spread_px.max()),
+        mm_per_px=scale,
+    )
+
+
+def _sides(corners: Array) -> Array:
+    """Return the lengths (4,) of the sides from each corner (4, 2) to the next."""
+    return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1))

@@ -1,4 +1,4 @@
-"""When and where a particle leaves the belt (2020 paper, sections 4.1 and 4.2).
+"""Predict when and where a particle leaves the belt (2020 paper, sections 4.1, 4.2).
 
 An arrival model returns times in s on the clock of the observations. A lateral model
 takes the time between last observation and arrival and returns ``y`` in mm.
@@ -8,6 +8,17 @@ name.
 The time is NaN where a model predicts no arrival: the acceleration stops the particle
 before the target, so Eq. 6 has no positive root. So is the place, except that of
 `Straight`.
+
+Examples
+--------
+>>> last = {"time_s": [0.5], "x": [638.0], "velocity_x_mm_s": [1200.0]}
+>>> last |= {"acceleration_x_mm_s2": [800.0]}
+>>> [(model.name, model(last, 788.0).round(4)) for model in (CV(), CA(), CALV())]
+[('CV', array([0.625])), ('CA', array([0.6202])), ('CALV', array([0.6202]))]
+>>> [model.name for model in ARRIVAL_MODELS]
+['IV', 'CV', 'CVBC', 'CA', 'CALV', 'IA']
+>>> [model.name for model in LATERAL_MODELS]
+['Straight', 'CV', 'CA', 'CADSC', 'Ratio']
 """
 
 from __future__ import annotations
@@ -24,9 +35,7 @@ from kilnflight.arrays import Array
 from kilnflight.checks import InputError, check_finite, check_number
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
-BELT_START_MM = (
-    388.0  # along the belt, in the coordinates of the authors' files of 2020
-)
+BELT_START_MM = 388.0  # along the belt, in the authors' files of 2020
 BELT_EDGE_MM = 788.0  # "a total length of 40 cm", 2016, section IV
 BELT_WIDTH_MM = 180.0  # 2020, section 3
 
@@ -55,7 +64,7 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 
 @dataclass(frozen=True)
 class _Model:
-    """A model of the arrival; a parameter to calibrate is NaN until then."""
+    """A model whose parameter, if it has one to calibrate, is NaN until then."""
 
     @property
     def name(self) -> str:
@@ -69,12 +78,10 @@ class _Model:
             )
 
     def _check_pairs(self, last: Columns, arrival: Columns) -> None:
-        """Raise an `InputError` unless both have the same particles in the same order."""
-        (names,), (others,) = (
-            _take(last, "last", "particle"),
-            _take(arrival, "arrival", "particle"),
-        )
-        if not len(names) or not np.array_equal(names, others):
+        """Raise an `InputError` unless both have the same particles, in one order."""
+        (particle,) = _take(last, "last", "particle")
+        (arrived,) = _take(arrival, "arrival", "particle")
+        if not len(particle) or not np.array_equal(particle, arrived):
             raise InputError(
                 f"{self.name}: arrival must have the particles of last, at least one."
             )
@@ -110,8 +117,8 @@ class ArrivalModel(_Model, ABC):
             or beyond the target.
         """
         self._check_calibrated()
-        time, *way = _way_to(last, target_mm)
-        return time + self._duration(*way)
+        time, *rest = _rest_of_belt(last, target_mm)
+        return time + self._duration(*rest)
 
     def calibrated(self, last: Columns, arrival: Columns, target_mm: float) -> Self:
         """Return the model with its parameter from particles with observed arrival.
@@ -133,8 +140,9 @@ class ArrivalModel(_Model, ABC):
             the last observation.
         """
         self._check_pairs(last, arrival)
-        time, distance, velocity, _ = _way_to(last, target_mm)
-        duration = _take(arrival, "arrival", "time_s")[0] - time
+        time, distance, velocity, _ = _rest_of_belt(last, target_mm)
+        (arrived,) = _take(arrival, "arrival", "time_s")
+        duration = arrived - time
         if (duration <= 0).any():
             row = int(np.argmax(duration <= 0))
             raise InputError(f"arrival: time_s in row {row} is not after that of last.")
@@ -157,7 +165,7 @@ class ArrivalModel(_Model, ABC):
         return self
 
 
-def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array]:
+def _rest_of_belt(last: Columns, target_mm: float) -> list[Array]:
     """Return time, distance to the target, velocity and acceleration, (n,) each.
 
     Units are s, mm, mm/s and mm/s^2; all are those of the last observation, along the
@@ -172,31 +180,20 @@ def _way_to(last: Columns, target_mm: float) -> tuple[Array, Array, Array, Array
         raise InputError(
             f"target_mm: {target_mm} mm is not beyond x of last in row {row}."
         )
-    return time, distance, velocity, acceleration
-
-
-@dataclass(frozen=True)
-class ID(ArrivalModel):
-    """Identical delay: ``t_Last + t_Avg`` for every particle (sec. 4.1, no number).
-
-    The old, implicit model. It equals `IV` if all particles are last observed at one
-    place. Section 5 leaves it out, and so does `kilnflight.belt.ARRIVAL_MODELS`.
-    """
-
-    delay_s: float = np.nan  # t_Avg: a median, as the average velocity of IV (sec. 5)
-
-    def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
-        return np.full_like(distance, self.delay_s)
-
-    def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
-        return replace(self, delay_s=float(np.median(duration)))
+    return [time, distance, velocity, acceleration]
 
 
 @dataclass(frozen=True)
 class IV(ArrivalModel):
-    """Identical velocity: one for the remaining distance of all particles (Eq. 1)."""
+    """Identical velocity: one for the remaining distance of all particles (Eq. 1).
 
-    velocity_mm_s: float = np.nan  # median over the prediction phase (sec. 5)
+    Parameters
+    ----------
+    velocity_mm_s
+        Median over the prediction phase (sec. 5), from `calibrated`.
+    """
+
+    velocity_mm_s: float = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return distance / self.velocity_mm_s
@@ -217,10 +214,14 @@ class CV(ArrivalModel):
 class CVBC(CV):
     """Constant velocity with a correction of its bias (Eq. 3, sec. 4.1).
 
-    The bias is the median of true minus CV time over the calibration particles.
+    Parameters
+    ----------
+    bias_s
+        t_BC, the median of true minus CV time over the particles of `calibrated`.
+        Those for which CV predicts no arrival are left out.
     """
 
-    bias_s: float = np.nan  # t_BC: median of true minus CV time
+    bias_s: float = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return super()._duration(distance, velocity, acceleration) + self.bias_s
@@ -231,7 +232,7 @@ class CVBC(CV):
             raise InputError(
                 "CVBC: no calibration particle in last moves on; take others."
             )
-        return replace(self, bias_s=float(np.nanmedian(error)))  # NaN: no arrival by CV
+        return replace(self, bias_s=float(np.nanmedian(error)))
 
 
 @dataclass(frozen=True)
@@ -246,6 +247,13 @@ class CA(ArrivalModel):
 class CALV(ArrivalModel):
     """Constant acceleration up to a limit of the velocity, then constant velocity.
 
+    Parameters
+    ----------
+    limit_mm_s
+        The belt's velocity: known, not calibrated (sec. 4).
+
+    Notes
+    -----
     The paper's printed condition for "the limit is not reached before the target" has a
     sign reversed (figures/errata.csv). Here the limit counts as reached if the distance
     covered until then is below the remaining distance. Above the limit a particle keeps
@@ -253,7 +261,7 @@ class CALV(ArrivalModel):
     acceleration beyond the belt's velocity).
     """
 
-    limit_mm_s: float = BELT_VELOCITY_MM_S  # the belt's velocity: known, not calibrated
+    limit_mm_s: float = BELT_VELOCITY_MM_S
 
     def __post_init__(self) -> None:
         check_number(self.limit_mm_s, "CALV: limit_mm_s", above=0)
@@ -263,9 +271,8 @@ class CALV(ArrivalModel):
         gains = acceleration > 0
         # Next to no acceleration takes an infinite time, so it is never limited.
         with np.errstate(over="ignore", invalid="ignore"):
-            until = np.divide(
-                limit - velocity, acceleration, out=np.zeros_like(distance), where=gains
-            )
+            until = np.zeros_like(distance)
+            np.divide(limit - velocity, acceleration, out=until, where=gains)
             covered = until * (limit + velocity) / 2
             limited = until + (distance - covered) / limit
         free = time_to_cover(distance, velocity, acceleration)
@@ -276,20 +283,20 @@ class CALV(ArrivalModel):
 class IA(ArrivalModel):
     """Identical acceleration: one for all particles, each with its velocity (Eq. 5).
 
-    It is the median of those that would have predicted the calibration particles
-    exactly.
+    Parameters
+    ----------
+    acceleration_mm_s2
+        Median of those that would have predicted the particles of `calibrated` exactly.
     """
 
-    acceleration_mm_s2: float = np.nan  # median of the optimal ones
+    acceleration_mm_s2: float = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         shared = np.full_like(velocity, self.acceleration_mm_s2)
         return time_to_cover(distance, velocity, shared)
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
-        optimal = (
-            2 * (distance - velocity * duration) / duration**2
-        )  # would predict exactly
+        optimal = 2 * (distance - velocity * duration) / duration**2
         return replace(self, acceleration_mm_s2=float(np.median(optimal)))
 
 
@@ -308,18 +315,24 @@ class LateralModel(_Model, ABC):
             none predicted.
         """
         self._check_calibrated()
-        y, *motion = _take(last, "last", "y", "velocity_y_mm_s", "acceleration_y_mm_s2")
+        names = ("y", "velocity_y_mm_s", "acceleration_y_mm_s2")
+        y, velocity, acceleration = _take(last, "last", *names)
         if np.shape(remaining_s) != y.shape or np.less(remaining_s, 0).any():
             raise InputError(
                 f"remaining_s: must be {len(y)} times in s, none of them below 0."
             )
-        return y + self._way(remaining_s, *motion)
+        return y + self._displacement(remaining_s, velocity, acceleration)
 
     def calibrated(self, last: Columns, arrival: Columns) -> Self:
         """Return the model with its parameter from particles with observed arrival.
 
-        ``last`` has columns of `kilnflight.tables.BELT_LAST`, ``arrival`` those of
-        `kilnflight.tables.BELT_ARRIVAL` for the same particles in the same order.
+        Parameters
+        ----------
+        last
+            Columns of `kilnflight.tables.BELT_LAST`.
+        arrival
+            Columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles in the
+            same order.
         """
         self._check_pairs(last, arrival)
         (before,) = _take(last, "last", "velocity_y_mm_s")
@@ -327,8 +340,8 @@ class LateralModel(_Model, ABC):
         return self._fitted(before, after)
 
     @abstractmethod
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return the way across the belt (n,) in mm.
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return the displacement across the belt (n,) in mm.
 
         It takes ``time`` (s); velocity (mm/s) and acceleration (mm/s^2) are the last
         ones across the belt, (n,) each.
@@ -347,7 +360,7 @@ class LateralModel(_Model, ABC):
 class Straight(LateralModel):
     """No lateral movement, as a line-scan sorter assumes."""
 
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return np.zeros_like(velocity)
 
 
@@ -355,7 +368,7 @@ class Straight(LateralModel):
 class LateralCV(LateralModel):
     """Constant lateral velocity."""
 
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return time * velocity
 
 
@@ -363,7 +376,7 @@ class LateralCV(LateralModel):
 class LateralCA(LateralModel):
     """Constant lateral acceleration (Eq. 7)."""
 
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return time * velocity + time**2 * acceleration / 2
 
 
@@ -375,13 +388,12 @@ class CADSC(LateralCA):
     stays.
     """
 
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         stops = np.full_like(velocity, np.inf)
+        slows = velocity * acceleration < 0
         with np.errstate(over="ignore"):  # next to no deceleration never stops
-            np.divide(
-                -velocity, acceleration, out=stops, where=velocity * acceleration < 0
-            )
-        return super()._way(np.minimum(time, stops), velocity, acceleration)
+            np.divide(-velocity, acceleration, out=stops, where=slows)
+        return super()._displacement(np.minimum(time, stops), velocity, acceleration)
 
 
 @dataclass(frozen=True)
@@ -390,11 +402,16 @@ class Ratio(LateralModel):
 
     Acceleration of Eq. 7: -(1 - share) times the last velocity, by the time to the
     arrival. So the model needs no acceleration of the particle's own.
+
+    Parameters
+    ----------
+    share
+        r, the median of arrival velocity over last velocity, from `calibrated`.
     """
 
-    share: float = np.nan  # r: median of arrival velocity over last velocity
+    share: float = np.nan
 
-    def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
+    def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         # The acceleration is -(1 - r) velocity / time; half of it times time squared:
         return time * velocity * (1 + self.share) / 2
 

@@ -1,4 +1,4 @@
-"""A sorter that takes one picture at a time, as its camera does.
+"""Sort particles picture by picture, as a camera gives them.
 
 picture -> spots -> step of the tracker -> tracks that leave the view -> arrivals ->
 valves
@@ -23,14 +23,14 @@ from kilnflight.arrays import Array, Flags, Integers, Picture
 from kilnflight.belt.camera import BELT
 from kilnflight.belt.models import ArrivalModel, Columns, LateralModel
 from kilnflight.belt.pictures import MeasureSpots
-from kilnflight.belt.tracker import LEFT, BeltTracker
+from kilnflight.belt.tracker import LEFT, BeltTracker, with_acceleration
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError, check_number
-from kilnflight.tables import BELT_LAST, BELT_PREDICTED, VALVE_EVENTS
+from kilnflight.tables import BELT_LAST
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
-MOST_S = 1.0  # from the last observation to the valves; 10 cm at 100 mm/s; choice
+MOST_S = 1.0  # longest prediction: 10 cm at 100 mm/s; choice
 _TRACKER = BeltTracker()
 
 
@@ -41,18 +41,36 @@ def predict_arrivals(
     target_mm: float,
     most_s: float = np.inf,
 ) -> pd.DataFrame:
-    """Return `kilnflight.tables.BELT_PREDICTED` of last observations (BELT_LAST).
+    """Predict when and where particles pass the valves.
 
-    The time is NaN where a model predicts no arrival, one before the last observation,
-    or one more than ``most_s`` after it. So is the place, except that of `Straight`.
-    ``target_mm`` is the place x of the valves.
+    Parameters
+    ----------
+    last
+        Columns of `kilnflight.tables.BELT_LAST`.
+    arrival, lateral
+        Models, calibrated.
+    target_mm
+        Place x of the valves.
+    most_s
+        Longest time in s from the last observation to the arrival.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_PREDICTED`. The time is NaN where a model predicts no
+        arrival, one before the last observation, or one after ``most_s``. So is the
+        place, except that of `Straight`.
     """
     time = arrival(last, target_mm)
     seen = np.asarray(last["time_s"])
     time = np.where((time >= seen) & (time - seen <= most_s), time, np.nan)
-    y = lateral(last, time - seen)
-    columns = np.asarray(last["particle"]), time, y
-    return pd.DataFrame(dict(zip(BELT_PREDICTED.names, columns, strict=True)))
+    return pd.DataFrame(
+        {
+            "particle": np.asarray(last["particle"]),
+            "time_s": time,
+            "y": lateral(last, time - seen),
+        }
+    )
 
 
 @dataclass
@@ -62,17 +80,23 @@ class ValveSchedule:
     If every prediction is known at least ``dead_s`` before its valve is to open, the
     commands are the windows of `ValveBar.events`. A later one opens the valve late: at
     once, or after its dead time. After its window it never opens. Both are counted.
+
+    Parameters
+    ----------
+    bar
+        Valves and their times.
+    late, never
+        Number of predictions that came too late to open the valve in time, and of those
+        that came too late to open it at all.
     """
 
     bar: ValveBar
-    late: int = 0  # predictions that came too late to open the valve in time
-    never: int = 0  # predictions that came too late to open it at all
-    _windows: dict[int, list[tuple[float, float]]] = field(
-        default_factory=dict
-    )  # not yet closed
-    _closed_s: dict[int, float] = field(
-        default_factory=dict
-    )  # last closing of each valve
+    late: int = 0
+    never: int = 0
+    # Opening and closing in s of the windows of a valve that have not closed.
+    _windows: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    # Last closing of a valve in s.
+    _closed_s: dict[int, float] = field(default_factory=dict)
 
     def step(
         self, now_s: float, until_s: float, predicted: pd.DataFrame
@@ -93,13 +117,11 @@ class ValveSchedule:
             `kilnflight.tables.VALVE_EVENTS`, in the order of opening.
         """
         for valve, windows in self._windows.items():
-            ended = [close_s for _, close_s in windows if close_s < now_s]
-            self._closed_s[valve] = max([*ended, self._closed_s.get(valve, -np.inf)])
+            closed = [close_s for _, close_s in windows if close_s < now_s]
+            self._closed_s[valve] = max([*closed, self._last_closing(valve)])
             self._windows[valve] = [window for window in windows if window[1] >= now_s]
-        for event in zip(
-            *(part.tolist() for part in self.bar.windows(predicted)), strict=True
-        ):
-            self._add(now_s, *event)
+        for valve, *window in zip(*self.bar.windows(predicted), strict=True):
+            self._plan(now_s, int(valve), *map(float, window))
         due = sorted(
             (max(open_s, now_s), valve, min(close_s, until_s))
             for valve, windows in self._windows.items()
@@ -107,17 +129,21 @@ class ValveSchedule:
             if open_s < until_s
         )
         opens, valves, closes = np.array(due, dtype=np.float64).reshape(-1, 3).T
-        columns = valves.astype(np.int64), opens, closes
-        return pd.DataFrame(dict(zip(VALVE_EVENTS.names, columns, strict=True)))
+        return pd.DataFrame(
+            {"valve": valves.astype(np.int64), "open_s": opens, "close_s": closes}
+        )
 
-    def _add(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
+    def _last_closing(self, valve: int) -> float:
+        return self._closed_s.get(valve, -np.inf)
+
+    def _plan(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
         """Plan the opening of a valve from ``now_s`` on; merge it with those near it.
 
         A window that cannot open in time is counted in ``late``, or in ``never`` and
         left out.
         """
         earliest = max(open_s, now_s)
-        closed_s = self._closed_s.get(valve, -np.inf)
+        closed_s = self._last_closing(valve)
         if not self.bar.are_apart(closed_s, earliest):
             earliest = closed_s + self.bar.dead_s
         if earliest > close_s:
@@ -126,24 +152,26 @@ class ValveSchedule:
         self.late += earliest > open_s
         near = [(earliest, close_s)]
         others = list[tuple[float, float]]()
-        for window in self._windows.get(valve, []):
-            pauses = (window[1], earliest), (close_s, window[0])
-            (
-                others if any(self.bar.are_apart(*pause) for pause in pauses) else near
-            ).append(window)
-        opens, closes = zip(*near, strict=True)
-        self._windows[valve] = [*others, (min(opens), max(closes))]
+        for opens, closes in self._windows.get(valve, []):
+            before = self.bar.are_apart(closes, earliest)
+            after = self.bar.are_apart(close_s, opens)
+            if before or after:
+                others.append((opens, closes))
+            else:
+                near.append((opens, closes))
+        first = min(opens for opens, _ in near)
+        last = max(closes for _, closes in near)
+        self._windows[valve] = [*others, (first, last)]
 
 
 class Decision(NamedTuple):
-    """Result of a frame: its measurements, the tracks, and what the valves are to do."""
+    """Measurements, tracks and commands of a frame."""
 
     frame: int
     measured: Array  # (m, 6), columns of BELT_SPOTS after the first (frame)
     tracks: Tracks  # after the frame; "row" is that of ``measured``, -1: missed
-    predicted: (
-        pd.DataFrame
-    )  # BELT_PREDICTED: particles to be blown out, known from now on
+    # BELT_PREDICTED of the particles to be blown out, known from this frame on.
+    predicted: pd.DataFrame
     due: pd.DataFrame  # VALVE_EVENTS to command until the next frame's decision
 
 
@@ -156,7 +184,7 @@ def sort_pictures(
     target_mm: float = BELT.end_mm,
     chooses: Callable[[Integers], Flags] | None = None,
 ) -> Iterator[Decision]:
-    """Yield the decision of each picture as it comes.
+    """Track particles picture by picture, and yield what the valves are to do.
 
     Frame k is taken as known when frame k + 1 is due, so a decision may take a frame's
     time. `Decision.due` ends with the next frame.
@@ -180,42 +208,78 @@ def sort_pictures(
     chooses
         Maps numbers of tracks (n,) to flags (n,): which to blow out. None: all.
 
+    Yields
+    ------
+    Decision
+        Spots, tracks, predictions and commands of one frame.
+
     Raises
     ------
     InputError
         If a picture does not fit, numbers do not ascend, or the target is in view.
+
+    Examples
+    --------
+    A spot of 8 by 8 px moves by 6 mm in a frame of 5 ms:
+
+    >>> from kilnflight.belt.camera import Calibration
+    >>> from kilnflight.belt.models import CV, LateralCV
+    >>> from kilnflight.belt.pictures import Spots
+    >>> film = np.zeros((70, 200, 420), dtype=np.uint8)
+    >>> for k in range(1, 50):
+    ...     film[k, 100:108, 6 * k + 12 : 6 * k + 20] = 200
+    >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])
+    >>> measure = MeasureSpots(film[0], Spots(), Calibration(mm, 0.0, 1.0))
+    >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
+    >>> sorter = sort_pictures(enumerate(film), measure, (CV(), LateralCV()), schedule)
+    >>> pd.concat([decision.due for decision in sorter]).round(3)
+       valve  open_s  close_s
+    0     16   0.328     0.33
     """
     if target_mm <= tracker.appearance.area.end_mm:
         raise InputError(
             f"target_mm: {target_mm} lies in the area where particles are tracked."
         )
+    # `follow` pulls frames, the camera pushes them: one waits at a time.
     waiting = deque[Detected]()
-    number = -1
-    known: Tracks = np.zeros(0, [("particle", np.int64)])
     steps = tracker.follow(iter(waiting.popleft, None))
+    number = -1
+    last: Tracks = np.zeros(0, [("particle", np.int64)])
     for frame, picture in pictures:
         check_number(frame, "pictures: number of the frame", above=number, whole=True)
         measured = measure(picture, frame)
         rows = np.arange(len(measured))
-        span = frame - number if number >= 0 else 1
-        waiting.append(tracker.detections(frame, measured[:, 4:], rows, span))
-        tracks = next(steps).tracks
+        places = measured[:, 4:]
+        waiting.append(tracker.detections(frame, places, rows, frame - number))
         number = frame
-        last = tracks.copy()
-        missed = tracks["row"] < 0
-        if missed.any():  # their state as they were last seen
-            last[missed] = known[
-                np.searchsorted(known["particle"], tracks["particle"][missed])
-            ]
-        known = last[tracker.keeps(tracks, frame)]
+        tracks = next(steps).tracks
+        last = _as_last_seen(tracks, last)
         entering = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
         if chooses is not None:
             entering = entering[chooses(entering["particle"])]
         predicted = _predict(entering, models, target_mm, tracker.frame_s)
         now_s = (frame + 1) * tracker.frame_s
         until_s = (frame + 2) * tracker.frame_s
-        due = schedule.step(now_s, until_s, predicted)
-        yield Decision(frame, measured, tracks, predicted, due)
+        yield Decision(
+            frame=frame,
+            measured=measured,
+            tracks=tracks,
+            predicted=predicted,
+            due=schedule.step(now_s, until_s, predicted),
+        )
+
+
+def _as_last_seen(tracks: Tracks, before: Tracks) -> Tracks:
+    """Return tracks (n,) with the state of those missed as they were last measured.
+
+    ``before`` is the result of the frame before; it holds them, in order of particle.
+    """
+    last = tracks.copy()
+    missed = tracks["row"] < 0
+    if missed.any():
+        particle = tracks["particle"][missed]
+        last[missed] = before[np.searchsorted(before["particle"], particle)]
+    return last
 
 
 def _predict(
@@ -225,8 +289,7 @@ def _predict(
     frame_s: float,
 ) -> pd.DataFrame:
     """Return BELT_PREDICTED of n tracks as they were last measured."""
-    state = np.zeros((len(entering), 6))
-    state[:, : entering["state"].shape[1]] = entering["state"]
-    columns = entering["particle"], entering["last"] * frame_s, *state.T
+    time = entering["last"] * frame_s
+    columns = entering["particle"], time, *with_acceleration(entering).T
     last = dict(zip(BELT_LAST.names, columns, strict=True))
     return predict_arrivals(last, *models, target_mm, MOST_S)

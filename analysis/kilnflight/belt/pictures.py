@@ -1,6 +1,6 @@
-"""Spots in pictures of particles on the belt (2016 paper, II.B, IV.B).
+"""Measure spots in pictures of particles on the belt (2016 paper, II.B, IV.B).
 
-Background, connected areas, and where they are on the belt in mm.
+They are connected areas that differ from the background, with places in mm.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ from typing import Self
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, Picture
+from kilnflight.arrays import Array, Integers, Picture
 from kilnflight.belt.camera import TRACKED, Area, Calibration, check_picture
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS
 
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
-TOUCHING_FROM = 1.5  # of a single particle's area: half-way between one and two
-LEAST_PX = 12.0  # of a spot; smaller is noise: a disc of 1.7 mm across; not printed
-MOST_PARTS = 8  # a larger spot is left whole: it is no few particles that touch; choice
+TOUCHING_FROM = 1.5  # areas of a single particle: half-way between one and two
+LEAST_PX = 12.0  # smaller spots are noise: a disc of 1.7 mm across; not printed
+MOST_PARTS = 8  # a larger spot is left whole: these are not particles; choice
 
 
 def average(pictures: Iterable[Picture]) -> Picture:
@@ -35,14 +36,14 @@ def average(pictures: Iterable[Picture]) -> Picture:
     belt c is 140 and t is 40 grey values: no ghost below s = 0.29, not found above s =
     0.71, both in between.
     """
-    total = np.zeros((0, 0), dtype=np.uint32)
-    count = 0
+    total: npt.NDArray[np.uint32] | None = None
     for count, picture in enumerate(pictures, 1):
-        check_picture(
-            picture, f"pictures: number {count}", total.shape if count > 1 else None
-        )
-        total = total + picture if count > 1 else picture.astype(np.uint32)
-    if not count:
+        if total is None:
+            check_picture(picture, "pictures: number 1")
+            total = np.zeros(picture.shape, np.uint32)
+        check_picture(picture, f"pictures: number {count}", total.shape)
+        total += picture
+    if total is None:
         raise InputError(
             "pictures: none to take the background from; give at least one."
         )
@@ -58,6 +59,15 @@ class Spots:
     becomes as many as single areas fit into it: its pixels are clustered by place
     (k-means). The parts keep the mark.
 
+    Parameters
+    ----------
+    threshold
+        Grey values of 255, above any noise of a camera; not printed.
+    single_px
+        Area of one particle in px, from `calibrated`; inf marks none.
+    split
+        Whether to split spots of several particles; neither paper did.
+
     Notes
     -----
     Section II.B names connected components and centroids, neither threshold nor sizes.
@@ -66,11 +76,9 @@ class Spots:
     cylinders side by side are cut across, though.
     """
 
-    threshold: float = (
-        40.0  # grey values of 255, above any noise of a camera; not printed
-    )
-    single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
-    split: bool = False  # neither paper used it
+    threshold: float = 40.0
+    single_px: float = np.inf
+    split: bool = False
 
     def __call__(self, picture: Picture, background: Picture) -> Array:
         """Return row, col, area in px and whether several touch (1.0 or 0.0), (n, 4).
@@ -79,30 +87,37 @@ class Spots:
         `average`, of the shape of ``picture``.
         """
         check_picture(picture, "picture", background.shape)
-        differs = cv2.absdiff(picture, background)
-        _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
-        count, labels = cv2.connectedComponentsWithAlgorithm(
-            mask, 8, cv2.CV_32S, cv2.CCL_GRANA
-        )
-        # Few pixels are of spots: counting these takes a seventh of the time of
-        # OpenCV's statistics of all of them.
-        nonzero = cv2.findNonZero(mask) if count > 1 else np.empty(0, np.int32)
-        pixels = np.reshape(nonzero, (-1, 2))[:, ::-1]  # row, col
-        spot = np.asarray(labels)[pixels[:, 0], pixels[:, 1]] - 1
-        area = np.bincount(spot, minlength=count - 1).astype(np.float64)
-        places = [np.bincount(spot, along, count - 1) / area for along in pixels.T]
+        pixels, spot = self._pixels(picture, background)
+        area = np.bincount(spot).astype(np.float64)
+        places = [np.bincount(spot, along) / area for along in pixels.T]
         several = area > TOUCHING_FROM * self.single_px
         found = np.column_stack([*places, area, several])
         kept = area >= LEAST_PX
         if not self.split:
             return found[kept]
         number = np.rint(area / self.single_px)
-        shared = np.flatnonzero(kept & several & (number > 1) & (number <= MOST_PARTS))
-        kept[shared] = False
+        shared = kept & several & (number > 1) & (number <= MOST_PARTS)
         parts = [
-            _parts(pixels[spot == k].astype(np.float64), int(number[k])) for k in shared
+            _parts(pixels[spot == k].astype(np.float64), int(number[k]))
+            for k in np.flatnonzero(shared)
         ]
-        return np.concatenate([found[kept], *parts])
+        return np.concatenate([found[kept & ~shared], *parts])
+
+    def _pixels(
+        self, picture: Picture, background: Picture
+    ) -> tuple[Integers, Integers]:
+        """Return row and col (p, 2) of pixels in spots, and the spot of each (p,)."""
+        differs = cv2.absdiff(picture, background)
+        _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
+        count, labels = cv2.connectedComponentsWithAlgorithm(
+            mask, 8, cv2.CV_32S, cv2.CCL_GRANA
+        )
+        if count == 1:
+            return np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
+        # Few pixels are of spots: counting these takes a seventh of the time of
+        # OpenCV's statistics of all of them.
+        pixels = np.asarray(cv2.findNonZero(mask), np.int32).reshape(-1, 2)[:, ::-1]
+        return pixels, np.asarray(labels, np.int32)[pixels[:, 0], pixels[:, 1]] - 1
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
         """Return these spots with the median area of all as that of one particle.
@@ -128,9 +143,8 @@ def _parts(pixels: Array, number: int) -> Array:
 
     Columns (number, 4) are those of `Spots`: row, col, area, and the mark, 1.
     """
-    from sklearn.cluster import (
-        KMeans,
-    )  # here: it takes a second to load, and only splits need it
+    # Loading it takes a second, and only splits need it.
+    from sklearn.cluster import KMeans
 
     away = pixels - pixels.mean(axis=0)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]

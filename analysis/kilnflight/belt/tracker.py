@@ -1,4 +1,4 @@
-"""Multitarget tracking on the belt (2016 paper, section II.B).
+"""Track many particles on the belt (2016 paper, section II.B).
 
 predict, gate, associate with extra rows and columns, update, score, start, stop
 
@@ -32,10 +32,9 @@ BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
 MISSED = 0.1  # share of particles in view without a spot of their own; assumption
 FALSE_VALID = 1e-4  # a: share of dirt tracks that become valid; assumption
 FALSE_LOST = 1e-6  # b: share of particles given up; six misses in a row; assumption
-VALID_FROM = float(np.log((1 - FALSE_LOST) / FALSE_VALID))  # score of a valid track
-LOST_BY = float(
-    np.log((1 - FALSE_VALID) / FALSE_LOST)
-)  # fall of the score of a lost track
+# Score of a valid track, and fall of the score of a lost one.
+VALID_FROM = float(np.log((1 - FALSE_LOST) / FALSE_VALID))
+LOST_BY = float(np.log((1 - FALSE_VALID) / FALSE_LOST))
 LEFT = "left at the end"
 BACK = "left at the start"
 SIDEWAYS = "left sideways"
@@ -82,16 +81,33 @@ def constant_velocity(
     place of a sphere by up to 0.5 mm at the start of the belt, and changes slowly from
     there on. So errors of successive frames are not independent, as the filter assumes.
     """
-    noise = acceleration_mm_s2 * np.sqrt(frame_s)
     share = belt_mm_s / BELT_VELOCITY_MM_S
     return ConstantVelocity(
-        (750.0 * share, 0.0), 433.0 * share, float(noise), spread_mm
+        velocity=(750.0 * share, 0.0),
+        velocity_sd=433.0 * share,
+        acceleration_noise=float(acceleration_mm_s2 * np.sqrt(frame_s)),
+        measurement_sd=spread_mm,
     )
 
 
 @dataclass(frozen=True)
 class Appearance:
     """Likelihoods by place on the belt that a track begins or is not observed.
+
+    Parameters
+    ----------
+    area
+        Tracked part of the belt; the default ends where the prediction phase of 2016
+        begins.
+    arrivals
+        New particles per frame: the order of 4000 in 15 s at 200 frames/s.
+    entry_mm
+        Length along the belt in which they are first seen: 1500 mm/s for 5 ms.
+    entry_blur_mm
+        Softness of its end: the radius of a sphere.
+    clutter
+        Other measurements per frame, anywhere: dirt, or particles found again;
+        assumption.
 
     Notes
     -----
@@ -103,20 +119,14 @@ class Appearance:
     """
 
     area: Area = TRACKED
-    arrivals: float = (
-        1.0  # per frame; the order of 4000 particles in 15 s at 200 frames/s
-    )
-    entry_mm: float = 7.5  # in which they are first seen: 1500 mm/s for 5 ms
-    entry_blur_mm: float = 2.5  # softness of its end: radius of a sphere
-    clutter: float = (
-        0.1  # per frame, anywhere: dirt, or particles found again; assumption
-    )
+    arrivals: float = 1.0
+    entry_mm: float = 7.5
+    entry_blur_mm: float = 2.5
+    clutter: float = 0.1
 
     @property
     def clutter_density(self) -> float:
-        """Expected number of measurements per frame and mm^2 that are of no new
-        particle.
-        """
+        """Expected measurements per frame and mm^2 that are of no new particle."""
         return self.clutter / self.area.square_mm
 
     def new(self, places: Array) -> Array:
@@ -159,7 +169,7 @@ _APPEARANCE = Appearance()
 
 
 class Likelihoods(NamedTuple):
-    """Likelihoods of p gated pairs of n tracks and m measurements of a frame (Fig. 3)."""
+    """Likelihoods of p gated pairs of n tracks and m measurements (Fig. 3)."""
 
     costs: Array  # (p,), -ln of (1 - MISSED) N(z; prediction, S) per mm^2
     unobserved: Array  # (n,), probability that a track is not observed
@@ -214,6 +224,19 @@ class BeltTracker:
     -----
     The paper names the score and its purpose, no thresholds. A missed track that is
     outside with a probability above one half has left; that is no loss.
+
+    Examples
+    --------
+    A particle moves by 6 mm in a frame of 5 ms:
+
+    >>> frame = np.arange(60)
+    >>> measured = pd.DataFrame({"frame": frame, "x": 390 + 6.0 * frame, "y": 90.0})
+    >>> states, ends = BeltTracker()(measured)
+    >>> ends
+       particle  frame  valid           reason
+    0         0     50      1  left at the end
+    >>> states["velocity_x_mm_s"].iloc[40].round()
+    np.float64(1200.0)
     """
 
     motion: Motion = _MOTION
@@ -229,9 +252,8 @@ class BeltTracker:
             Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside
             the area are ignored.
         frames
-            Number of frames of the camera, so that tracks may end after the last
-            measurement. The last measurement's frame is the last one if that is later,
-            as with 0.
+            Number of frames of the camera, as for `steps`: tracks may end after the
+            last measurement.
 
         Returns
         -------
@@ -248,11 +270,10 @@ class BeltTracker:
         steps = [step for step in self.steps(measured, frames) if len(step.tracks)]
         if not steps:
             return Followed(BELT_STATES.empty(), BELT_ENDS.empty().assign(reason=""))
-        frame = np.repeat(
-            [step.detected.frame for step in steps],
-            [len(step.tracks) for step in steps],
-        )
-        tracks = np.concatenate([step.tracks for step in steps])
+        every = [step.tracks for step in steps]
+        number = [step.detected.frame for step in steps]
+        frame = np.repeat(number, [len(tracks) for tracks in every])
+        tracks = np.concatenate(every)
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
     def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
@@ -331,18 +352,17 @@ class BeltTracker:
         )
 
     def likelihoods(self, detected: Detected, pairs: Pairs) -> Likelihoods:
-        """Return the likelihoods of n tracks and m measurements, for their association."""
+        """Return the likelihoods of n tracks and m measurements (Fig. 3)."""
         unobserved, outside = self.appearance.unobserved_likelihood(
             pairs.expected, pairs.residual
         )
         logs = pairs.log_determinant + pairs.expected.shape[1] * np.log(2.0 * np.pi)
-        costs = (
-            0.5 * logs[pairs.track]
-            - np.log(1.0 - MISSED)
-            + 0.5 * pairs.distance_squared
-        )
+        normal = 0.5 * logs[pairs.track] - np.log(1.0 - MISSED)
         return Likelihoods(
-            costs, unobserved, self.appearance.new(detected.positions), outside
+            costs=normal + 0.5 * pairs.distance_squared,
+            unobserved=unobserved,
+            new=self.appearance.new(detected.positions),
+            outside=outside,
         )
 
     def associate(
@@ -363,10 +383,10 @@ class BeltTracker:
         return taken, scores, _scores(first, first, np.zeros_like(first))
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
-        """Return whether each track (n,) lives on: measured, or neither outside nor
-        lost.
+        """Return whether each track (n,) lives on.
 
-        ``frame`` is not used; `follow` passes it.
+        It does if it is measured, or neither outside nor lost. ``frame`` is not used;
+        `follow` passes it.
         """
         lost = tracks["best"] - tracks["score"] > LOST_BY
         return (tracks["row"] >= 0) | ~((tracks["outside"] > 0.5) | lost)
@@ -391,11 +411,13 @@ class BeltTracker:
         order = np.lexsort((frame, tracks["particle"]))
         last = order[np.append(np.diff(tracks["particle"][order]) != 0, True)]
         ended = tracks[last]
-        valid = ended["valid"].astype(np.int64)
-        reason = self.reasons(ended)
-        columns = (ended["particle"], frame[last], valid, reason)
         return pd.DataFrame(
-            dict(zip([*BELT_ENDS.names, "reason"], columns, strict=True))
+            {
+                "particle": ended["particle"],
+                "frame": frame[last],
+                "valid": ended["valid"].astype(np.int64),
+                "reason": self.reasons(ended),
+            }
         )
 
 
@@ -412,15 +434,14 @@ def _scores(score: Array, best: Array, outside: Array) -> ExtraColumns:
 
 def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
     """Return BELT_STATES of tracks (rows,) in the frames (rows,)."""
-    state = np.zeros((len(frame), 6))
-    state[:, : tracks["state"].shape[1]] = tracks["state"]
     valid = tracks["valid"].astype(np.int64)
-    columns = (
-        frame,
-        tracks["particle"],
-        tracks["row"],
-        valid,
-        tracks["score"],
-        *state.T,
-    )
+    state = with_acceleration(tracks).T
+    columns = (frame, tracks["particle"], tracks["row"], valid, tracks["score"], *state)
     return pd.DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
+
+
+def with_acceleration(tracks: Tracks) -> Array:
+    """Return the states (n, 6) of tracks (n,); an acceleration not in them is 0."""
+    state = np.zeros((len(tracks), 6))
+    state[:, : tracks["state"].shape[1]] = tracks["state"]
+    return state

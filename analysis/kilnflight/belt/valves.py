@@ -1,4 +1,4 @@
-"""Particles that a bar of valves hits, by predictions of their arrival.
+"""Hit particles by a bar of valves, by predictions of their arrival.
 
 The purpose of the predictions in both papers (Fig. 1 of each): an array of nozzles
 across the belt blows particles out. Neither paper evaluates it, so the numbers of the
@@ -17,9 +17,8 @@ import pandas as pd
 from kilnflight.arrays import Array, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
 
-Events = tuple[
-    Integers, Array, Array
-]  # valve, times in s of the commands to open and to close
+# Valve, and times in s of the commands to open and to close, (k,) each.
+Events = tuple[Integers, Array, Array]
 
 
 class Separation(NamedTuple):
@@ -40,7 +39,7 @@ class Separation(NamedTuple):
 
 
 def _mean(flags: Flags) -> float:
-    return float(flags.mean()) if len(flags) else np.nan
+    return float(flags.mean()) if flags.size else np.nan
 
 
 @dataclass(frozen=True)
@@ -53,19 +52,43 @@ class ValveBar:
     passes an open valve, also one that was opened for another; its size and the air's
     way are neglected. The belt's walls keep particles on it, so a place predicted
     beyond them is taken to be at the wall.
+
+    Parameters
+    ----------
+    valves
+        Their number; 32 have a pitch of 5.6 mm, about one particle. Not printed.
+    belt_mm
+        Width of the belt, and of the bar (2020, section 3).
+    valve_mm
+        Width of a jet. None: the pitch, no gap and no overlap.
+    open_s
+        Time that a valve is open; not printed, as are the next.
+    latency_s
+        Time from the command to the air at the belt.
+    delay_s
+        Time from the prediction to the middle of the window; below 0: before it.
+    dead_s
+        Shortest pause of a valve from closing to opening.
+
+    Examples
+    --------
+    >>> predicted = pd.DataFrame({"time_s": [0.1, 0.104], "y": 90.0})
+    >>> bar = ValveBar()
+    >>> valve, opens, closes = bar.events(predicted)  # both windows are merged
+    >>> f"valve {valve[0]}: {1000 * opens[0]:.1f} to {1000 * closes[0]:.1f} ms"
+    'valve 16: 97.5 to 106.5 ms'
+    >>> arrival = pd.DataFrame({"time_s": [0.1, 0.107, 0.1], "y": [91.0, 91.0, 20.0]})
+    >>> bar(predicted, arrival, chosen=np.array([True, True, False])).hit_share
+    0.5
     """
 
-    valves: int = 32  # a pitch of 5.6 mm, about one particle; not printed
-    belt_mm: float = BELT_WIDTH_MM  # width of the belt, and of the bar
-    valve_mm: float | None = (
-        None  # width of a jet; None: the pitch, no gap and no overlap
-    )
-    open_s: float = 0.005  # not printed, as are the next
-    latency_s: float = 0.0  # from the command to the air at the belt
-    delay_s: float = (
-        0.0  # of the window's middle after the predicted time; below 0: before it
-    )
-    dead_s: float = 0.0  # shortest pause of a valve from closing to opening
+    valves: int = 32
+    belt_mm: float = BELT_WIDTH_MM
+    valve_mm: float | None = None
+    open_s: float = 0.005
+    latency_s: float = 0.0
+    delay_s: float = 0.0
+    dead_s: float = 0.0
 
     @property
     def pitch_mm(self) -> float:
@@ -145,19 +168,17 @@ class ValveBar:
         reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
         middles = self.middles_mm
         half = self.width_mm / 2
-        for passed in (nearest + step for step in range(-reach, reach + 1)):
+        for step in range(-reach, reach + 1):
+            passed = nearest + step
             away = np.abs(y - middles[passed.clip(0, self.valves - 1)])
-            near = np.flatnonzero(
-                (away <= half) & ~hit
-            )  # to search the events takes most time
+            # Searching the events takes most of the time.
+            near = np.flatnonzero((away <= half) & ~hit)
             number = passed[near]
             time = time_s[near]
-            latest = (
-                np.searchsorted(keys, number * whole + (time - start), side="right") - 1
-            )
-            hit[near] = (
-                (latest >= 0) & (valve[latest] == number) & (time <= closes[latest])
-            )
+            key = number * whole + (time - start)
+            latest = np.searchsorted(keys, key, side="right") - 1
+            same = (latest >= 0) & (valve[latest] == number)
+            hit[near] = same & (time <= closes[latest])
         return hit
 
     def _nearest(self, y: Array) -> Integers:
@@ -180,5 +201,5 @@ class ValveBar:
         chosen
             (n,), which of them are to be blown out.
         """
-        true = arrival["time_s"].to_numpy(np.float64), arrival["y"].to_numpy(np.float64)
-        return Separation(self.hits(self.events(predicted), *true), chosen)
+        time_s, y = arrival[["time_s", "y"]].to_numpy(np.float64).T
+        return Separation(self.hits(self.events(predicted), time_s, y), chosen)

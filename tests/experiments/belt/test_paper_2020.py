@@ -47,8 +47,11 @@ def test_differences_are_of_the_right_models_and_hold_beyond_chance():
         spread = np.linspace(-1.0, 1.0, np.count_nonzero(~calibration))
         yield from (("near", spread), ("far", 3.0 * spread), ("again", spread))
 
-    orders = [("a", ("near",), ("far",)), ("b", ("far", "near"), ("again",))]
-    orders += [("c", ("near",), ("again",))]
+    orders = {
+        "a": [(["near"], ["far"])],
+        "b": [(["far", "near"], ["again"])],
+        "c": [(["near"], ["again"])],
+    }
     tracks = paper_2020.load_tracks({}, seed=1, particles=150)  # of the friction model
     observed = {name: PHASE.observe(tracks[name]) for name in ("spheres", "cuboids")}
     by_name = dict.fromkeys(observed, orders)

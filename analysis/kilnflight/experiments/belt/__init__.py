@@ -1,1 +1,1 @@
-"""The protocols of both belt papers, of the real recordings, and of valves that blow."""
+"""Evaluate both belt papers, the real recordings, and valves that blow."""

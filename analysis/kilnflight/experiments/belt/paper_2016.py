@@ -1,15 +1,15 @@
-"""The evaluation of predictive tracking (2016 paper, section IV).
+"""Evaluate predictive tracking (2016 paper, section IV).
 
-tracks at 1000 Hz -> velocity known, tracking, straight       (noise-free, Figs 6a and
-6c)
-                  -> pictures -> spots -> tracking, straight  (images, Figs 6b and 6d)
+::
+
+    tracks at 1000 Hz -> velocity known, tracking, straight  (noise-free: Figs 6a, 6c)
+          pictures -> spots -> tracking, straight            (images: Figs 6b, 6d)
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import joblib
 import numpy as np
@@ -39,24 +39,19 @@ from kilnflight.scores.intervals import percentiles
 from kilnflight.simulated.belt.rendering import Pictures, at_rate
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
-PHASE_2016 = PredictionPhase(
-    TRACKED.end_mm, BELT.end_mm
-)  # last 10 cm of the belt (section IV)
-PARTICLES = {
-    "quick": 40,
-    "standard": 120,
-    "full": 1500,
-}  # "over 1000", section IV; notebook 43: all
+# The last 10 cm of the belt (section IV).
+PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)
+# Particles in pictures: "over 1000", section IV; notebook 43 takes all in a full run.
+PARTICLES = {"quick": 40, "standard": 120, "full": 1500}
 TRUTH_HZ = 1000.0  # "the ground truth data was generated at 1000 Hz", section IV.B
-NOISE_FREE_MM = (
-    0.001  # standard deviation of a measurement without noise: none at all has no S
-)
+# Standard deviation of a measurement without noise; none at all has no S.
+NOISE_FREE_MM = 0.001
+# Approaches of Fig. 6.
 SIM = "Sim"
 TRACKING = "Tracking"
-STRAIGHT = "Straight"  # approaches of Fig. 6
+STRAIGHT = "Straight"
 BACKGROUND_OF = 200  # pictures, evenly spread
-_REPLICATES = 1000  # of the bootstrap over particles
-_Key = TypeVar("_Key")
+_REPLICATES = 1000  # draws of the bootstrap over particles
 
 
 class PictureTracks(NamedTuple):
@@ -68,7 +63,7 @@ class PictureTracks(NamedTuple):
 
 
 def tracker_until(end_mm: float) -> BeltTracker:
-    """Return the tracker at 200 frames/s that observes the belt up to x = ``end_mm``."""
+    """Return the tracker at 200 frames/s of the belt up to x = ``end_mm``."""
     return BeltTracker(appearance=Appearance(Area(end_mm=end_mm)))
 
 
@@ -78,34 +73,28 @@ def track_pictures(
     """Measure spots in pictures up to x = ``end_mm`` and track them (IV.B).
 
     The camera is calibrated by the belt's corners in the background, the mean of evenly
-    spread pictures. An empty belt gives empty tables.
+    spread pictures.
     """
     step = max(1, len(pictures) // BACKGROUND_OF)
-    shown = list(pictures.frames(range(0, max(1, len(pictures)), step)))
+    shown = list(pictures.frames(range(0, len(pictures), step)))
     background = average(shown)
-    samples = shown[::10]
-    spots = Spots()
-    calibration = calibrate_camera(find_corners(background))
-    if any(len(spots(picture, background)) for picture in samples):
-        spots = spots.calibrated(samples, background)
-    measure = MeasureSpots(background, spots, calibration, Area(end_mm=end_mm))
-    every = (
-        shown[: len(pictures)] if step == 1 else pictures.frames(range(len(pictures)))
+    measure = MeasureSpots(
+        background,
+        spots=Spots().calibrated(shown[::10], background),
+        calibration=calibrate_camera(find_corners(background)),
+        area=Area(end_mm=end_mm),
     )
+    every = pictures.frames(range(len(pictures)))
     table = measure.table(tqdm(every, "pictures", len(pictures), disable=None))
-    return PictureTracks(
-        calibration, table, tracker_until(end_mm)(table, len(pictures))
-    )
+    followed = tracker_until(end_mm)(table, len(pictures))
+    return PictureTracks(measure.calibration, table, followed)
 
 
 def track_all(
-    pictures: Mapping[_Key, Pictures],
-    jobs: int = 1,
-    end_mm: float = PHASE_2016.start_mm,
-) -> dict[_Key, PictureTracks]:
+    pictures: Mapping[str, Pictures], jobs: int = 1, end_mm: float = PHASE_2016.start_mm
+) -> dict[str, PictureTracks]:
     """Return `track_pictures` of several recordings by name, in ``jobs`` processes."""
-    run = joblib.Parallel(n_jobs=jobs)
-    tracked = run(
+    tracked = joblib.Parallel(n_jobs=jobs)(
         joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values()
     )
     return dict(zip(pictures, tracked, strict=True))
@@ -131,15 +120,10 @@ def noise_free(
         velocity from the last three positions, Tracking from the filter.
     """
     last, arrival, _ = phase.observe(bodies)
-    frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
-    tracked = last_states(rate_1000(phase.start_mm)(bodies, frames), 1 / TRUTH_HZ)
+    tracked = last_states(rate_1000(phase.start_mm)(bodies), 1 / TRUTH_HZ)
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
     states = {SIM: last, TRACKING: tracked, STRAIGHT: last}
-    target = phase.target_mm
-    tables = [
-        deviations(name, state, arrival, target) for name, state in states.items()
-    ]
-    return pd.concat(tables, ignore_index=True)
+    return _of_approaches(states, arrival, phase.target_mm)
 
 
 def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
@@ -172,13 +156,19 @@ def from_images(
     filtered.
     """
     arrival = phase.observe(bodies).arrival
-    target = phase.target_mm
     tracked = followed_particles(pictured, bodies)
     tracked = tracked.assign(particle=tracked["truth"])[tracked["truth"] >= 0]
     raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
-    states = {TRACKING: tracked, STRAIGHT: raw}
+    return _of_approaches({TRACKING: tracked, STRAIGHT: raw}, arrival, phase.target_mm)
+
+
+def _of_approaches(
+    states: Mapping[str, pd.DataFrame], arrival: pd.DataFrame, target_mm: float
+) -> pd.DataFrame:
+    """Return `deviations` of last states by approach, in one table."""
     tables = [
-        deviations(name, state, arrival, target) for name, state in states.items()
+        deviations(approach, last, arrival, target_mm)
+        for approach, last in states.items()
     ]
     return pd.concat(tables, ignore_index=True)
 
@@ -197,9 +187,8 @@ def all_deviations(
     for material, tracks in bodies.items():
         parts[material, "noise-free"] = noise_free(tracks, phase)
         parts[material, "images"] = from_images(pictured[material], tracks, phase)
-    return pd.concat(parts, names=["material", "data"]).reset_index(
-        ["material", "data"]
-    )
+    names = ["material", "data"]
+    return pd.concat(parts, names=names).reset_index(names)
 
 
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
@@ -224,9 +213,8 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     squares = (table["x"] - table["x_true"]) ** 2 + (table["y"] - table["y_true"]) ** 2
     by_pair = squares.groupby([table["particle"], table["particle_true"]])
     pairs = by_pair.agg(["size", "mean"]).reset_index()
-    pairs = pairs[
-        pairs["size"] == pairs["particle"].map(states.groupby("particle").size())
-    ]
+    lengths = states.groupby("particle").size()
+    pairs = pairs[pairs["size"] == pairs["particle"].map(lengths)]
     pairs = pairs.loc[pairs.groupby("particle")["mean"].idxmin()]
     return pairs.set_index("particle")["particle_true"]
 
@@ -265,31 +253,35 @@ def deviations(
         moving = (last["velocity_x_mm_s"] > 0).to_numpy()
         time[moving] = CV()(last[moving], target_mm)
         y = LateralCV()(last, time - last["time_s"].to_numpy())
-    columns = {"approach": approach, "particle": last["particle"].to_numpy()}
-    columns["lateral_mm"] = y - truth["y"].to_numpy()
     return pd.DataFrame(
-        columns | {"temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy())}
+        {
+            "approach": approach,
+            "particle": last["particle"].to_numpy(),
+            "lateral_mm": y - truth["y"].to_numpy(),
+            "temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy()),
+        }
     )
 
 
 def rate_1000(end_mm: float) -> BeltTracker:
-    """Return the tracker for exact positions at 1000 Hz up to x = ``end_mm`` (section
-    IV.A).
+    """Return the tracker for exact positions at 1000 Hz (section IV.A).
 
-    Counts and lengths per frame are scaled, so that those per second equal the
-    tracker's at 200 frames/s. A collision changes the velocity within a frame by up to
-    433 mm/s, the standard deviation between particles. With exact positions this number
-    affects the gate only.
+    It observes the belt up to x = ``end_mm``. Counts and lengths per frame are scaled,
+    so that those per second equal the tracker's at 200 frames/s. A collision changes
+    the velocity within a frame by up to 433 mm/s, the standard deviation between
+    particles. With exact positions this number affects the gate only.
     """
-    appearance = Appearance()
-    names = ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
+    usual = Appearance()
     share = 1 / (TRUTH_HZ * BELT_FRAME_S)
-    per_frame = {name: getattr(appearance, name) * share for name in names}
-    motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
-    area = Area(end_mm=end_mm)
-    return BeltTracker(
-        motion, replace(appearance, area=area, **per_frame), frame_s=1 / TRUTH_HZ
+    appearance = Appearance(
+        area=Area(end_mm=end_mm),
+        arrivals=usual.arrivals * share,
+        entry_mm=usual.entry_mm * share,
+        entry_blur_mm=usual.entry_blur_mm * share,
+        clutter=usual.clutter * share,
     )
+    motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
+    return BeltTracker(motion, appearance, 1 / TRUTH_HZ)
 
 
 def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataFrame:
@@ -318,20 +310,25 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
     rows = []
     for key, part in table.groupby(list(groups), sort=False):
         for quantity in ("lateral_mm", "temporal_ms"):
-            known = part[quantity].dropna().to_numpy()
-            if not len(known):
-                continue
-            row = dict(zip(groups, key, strict=True)) | {"quantity": quantity}
-            row |= summarise_deviations(part[quantity].to_numpy())
-            row["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
-            drawn = np.random.default_rng(seed).integers(
-                0, len(known), (_REPLICATES, len(known))
-            )
-            for name, values in _spreads(known[drawn]).items():
-                row[name] = float(_spreads(known)[name])
-                row[f"{name}_low"], row[f"{name}_high"] = percentiles(values)
-            rows.append(row)
+            values = part[quantity].to_numpy()
+            if not np.isnan(values).all():
+                row = dict(zip(groups, key, strict=True)) | {"quantity": quantity}
+                rows.append(row | _summarise(values, seed))
     return pd.DataFrame(rows)
+
+
+def _summarise(deviation: Array, seed: int) -> dict[str, float]:
+    """Return the box plot of deviations (n,) with 95 % intervals, as in `summaries`."""
+    known = deviation[~np.isnan(deviation)]
+    size = (_REPLICATES, len(known))
+    drawn = np.random.default_rng(seed).integers(0, len(known), size)
+    found = summarise_deviations(deviation)
+    found["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
+    spreads = _spreads(known)
+    for name, values in _spreads(known[drawn]).items():
+        found[name] = float(spreads[name])
+        found[f"{name}_low"], found[f"{name}_high"] = percentiles(values)
+    return found
 
 
 def _spreads(values: Array) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""The models of the 2020 paper on tracks: input, deviations, differences beyond chance.
+"""Compare the models of the 2020 paper on tracks, and their differences with chance.
 
 tracks -> `PHASE.observe` -> `compare_models` -> `compare_orders` -> `holds`, a claim's
 answer
@@ -11,8 +11,7 @@ both contradict it.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -28,41 +27,39 @@ from kilnflight.belt.phase import (
     Deviations,
     Observed,
     PredictionPhase,
+    draw_particles,
     evaluate,
 )
 from kilnflight.belt.recordings import read_dem
 from kilnflight.checks import InputError
 from kilnflight.publication import claims, data, style
 from kilnflight.simulated.belt.friction import MATERIALS
-from kilnflight.tables import BELT_TRACKS
 
+# Sources of tracks, and the first line of a page on each.
 AUTHORS = "authors-dem"
-OWN = "own-simulation"  # sources of tracks
+OWN = "own-simulation"
 INPUT = {
-    AUTHORS: "**Input**: the authors' simulated (DEM) tracks at 100 Hz."
-}  # a page's first line
-INPUT[OWN] = (
-    "**Own simulation**, a friction model: the authors' tracks are not here "
-    "(`make data`)."
-)
+    AUTHORS: "**Input**: the authors' simulated (DEM) tracks at 100 Hz.",
+    OWN: "**Own simulation**, a friction model: the authors' tracks are not here "
+    "(`make data`).",
+}
 DATA_SETS = tuple(MATERIALS)
-CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # by scale
-REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
-PARTICLES = {
-    "quick": 1000
-}  # of each material, the first to enter, by scale; otherwise all
-_CALIBRATIONS = (
-    20  # draws of calibration particles, shared by the replicates of a bootstrap
-)
+# Draws of calibration particles, replicates of the bootstrap, and the number of
+# particles that enter first, of each material (none given: all), by scale.
+CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}
+REPLICATES = {"quick": 100, "standard": 400, "full": 1000}
+PARTICLES = {"quick": 1000}
+_CALIBRATIONS = 20  # draws that the replicates of a bootstrap share
 PHASE = PredictionPhase()
+FAST_HZ = 1000.0  # rate of the paper's own tracks (section 5)
+JITTER_MM = 2e-5  # below the digits of the public tracks; choice B3
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
-UNITS = re.compile(
-    "(median|q25|q75|iqr|mae|whisker|excess)(_|$)"
-)  # columns in ms or mm
+# First words of columns that are in ms or mm.
+_IN_UNITS = {"median", "q25", "q75", "iqr", "mae", "whisker", "excess"}
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
-# Id of a claim, models that should deviate less, models that should deviate more.
-Order = tuple[str, tuple[str, ...], tuple[str, ...]]
+# Models that should deviate less, and models that should deviate more, by claim.
+Orders = Mapping[str, Sequence[tuple[Sequence[str], Sequence[str]]]]
 
 
 def find_dem() -> dict[str, Path]:
@@ -110,23 +107,21 @@ def load_tracks(
     """
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
-        table = (
-            read_dem(files[name])
-            if files
-            else friction(np.random.default_rng([seed, number]))
-        )
+        if files:
+            tracks[name] = read_dem(files[name])
+        else:
+            generator = np.random.default_rng([seed, number])
+            tracks[name] = friction(generator)
         if particles is not None:
-            table = first_to_enter(table, particles)
-        tracks[name] = table
+            tracks[name] = first_to_enter(tracks[name], particles)
     return tracks
 
 
 def first_to_enter(tracks: pd.DataFrame, particles: int) -> pd.DataFrame:
     """Return the tracks of the first ``particles`` that enter, of one material."""
     entered = tracks.groupby("particle")["frame"].min().sort_values(kind="stable")
-    return tracks[tracks["particle"].isin(entered.index[:particles])].reset_index(
-        drop=True
-    )
+    first = tracks["particle"].isin(entered.index[:particles])
+    return tracks[first].reset_index(drop=True)
 
 
 def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
@@ -162,8 +157,36 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
         places = CubicSpline(time, part[:, 1:])(frame / rate_hz)
         parts.append(np.column_stack([frame, np.full(len(frame), particle), places]))
     frame, number, x, y = np.concatenate(parts).T
-    values = (frame.astype(np.int64), number.astype(np.int64), frame / rate_hz, x, y)
-    return pd.DataFrame(dict(zip(BELT_TRACKS.names, values, strict=True)))
+    return pd.DataFrame(
+        {
+            "frame": frame.astype(np.int64),
+            "particle": number.astype(np.int64),
+            "time_s": frame / rate_hz,
+            "x": x,
+            "y": y,
+        }
+    )
+
+
+def resample_observed(
+    tracks: Mapping[str, pd.DataFrame], observed: Sets
+) -> dict[str, pd.DataFrame]:
+    """Return the tracks of observed particles at the paper's 1000 Hz, by data set."""
+    fast = {}
+    for name, table in tracks.items():
+        kept = table["particle"].isin(observed[name].last["particle"])
+        fast[name] = resample(table[kept], FAST_HZ)
+    return fast
+
+
+def shake(tracks: Mapping[str, pd.DataFrame], seed: int) -> dict[str, pd.DataFrame]:
+    """Return tracks by data set with normal noise of `JITTER_MM` on each position."""
+    generator = np.random.default_rng(seed)
+    shaken = {}
+    for name, table in tracks.items():
+        noise = generator.normal(0.0, JITTER_MM, (len(table), 2))
+        shaken[name] = table.assign(**(table[["x", "y"]] + noise))
+    return shaken
 
 
 def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
@@ -186,9 +209,7 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     table = tracks.sort_values(["particle", "frame"], kind="stable")
     step = table.diff()
     velocity = step[["x", "y"]].div(step["time_s"], axis=0).add_prefix("velocity_")
-    middle = pd.DataFrame(
-        {"particle": table["particle"], "x": table["x"] - step["x"] / 2}
-    )
+    middle = table[["particle"]].assign(x=table["x"] - step["x"] / 2)
     steps = middle.join(velocity.add_suffix("_mm_s"))
     return steps[(step["particle"] == 0) & (step["frame"] == 1)].reset_index(drop=True)
 
@@ -240,9 +261,8 @@ def compare_models(
         name: evaluate(part, phase, deviations, draws, seed)
         for name, part in observed.items()
     }
-    grouped = pd.concat(parts, names=["data_set"]).groupby(
-        ["data_set", "model"], sort=False
-    )
+    every = pd.concat(parts, names=["data_set"])
+    grouped = every.groupby(["data_set", "model"], sort=False)
     table = grouped[SUMMARY].median().astype({"n": int, "unpredicted": int})
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
@@ -250,10 +270,9 @@ def compare_models(
 
 
 def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
-    """Return the share in percent that CA predicts to be faster than the belt, by data
-    set.
+    """Return the share in percent that CA predicts to be faster than the belt.
 
-    At the last observation or at the target of ``phase`` (Eq. 5).
+    At the last observation or at the target of ``phase`` (Eq. 5); a Series by data set.
     """
     shares = {}
     for name, each in observed.items():
@@ -266,17 +285,16 @@ def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
 
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
-    """Return a table with ``unit`` (ms or mm) added to names that match `UNITS`."""
-    return table.rename(
-        columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name
-    )
+    """Return a table with ``unit`` (ms or mm) added to names of deviations."""
+    named = [name for name in table if str(name).partition("_")[0] in _IN_UNITS]
+    return table.rename(columns={name: f"{name}_{unit}" for name in named})
 
 
 def compare_orders(
     observed: Sets,
     phase: PredictionPhase,
     deviations: Deviations,
-    orders: Mapping[str, Iterable[Order]],
+    orders: Mapping[str, Orders],
     scale: str,
     seed: int,
 ) -> pd.DataFrame:
@@ -290,8 +308,8 @@ def compare_orders(
     observed, phase, deviations, seed
         As in `compare_models`.
     orders
-        By data set: id of a claim, models that should deviate less, models that should
-        deviate more.
+        By data set, then by id of a claim: pairs of models that should deviate less
+        and models that should deviate more.
     scale
         "quick", "standard" or "full"; sets `CALIBRATION_DRAWS` and `REPLICATES`.
 
@@ -307,21 +325,35 @@ def compare_orders(
     draws = min(CALIBRATION_DRAWS[scale], _CALIBRATIONS)
     for data_set, part in observed.items():
         table = compare_models({data_set: part}, phase, deviations, draws, seed)
+        table = table.set_index("model")
         samples = bootstrap(part, phase, deviations, REPLICATES[scale], seed)
-        for (claim, *models), (measure, column) in product(
-            orders[data_set], _MEASURES.items()
-        ):
-            lower, higher = map(list, models)
-            both = table.set_index("model")[[column]].T, samples[measure]
-            found, sample = (
-                each[higher].min(axis=1) - each[lower].max(axis=1) for each in both
-            )
-            names = claim, data_set, measure, " ".join(lower), " ".join(higher)
-            rows.append(
-                (*names, found.item(), *sample.quantile([0.025, 0.975]).round(12))
-            )
-    columns = ["id", "data_set", "measure", "lower", "higher"]
-    return pd.DataFrame(rows, columns=[*columns, "excess", "excess_low", "excess_high"])
+        for claim, pairs in orders[data_set].items():
+            for (lower, higher), (measure, column) in product(pairs, _MEASURES.items()):
+                sample = _excess(samples[measure], lower, higher)
+                low, high = sample.quantile([0.025, 0.975]).round(12)
+                rows.append(
+                    {
+                        "id": claim,
+                        "data_set": data_set,
+                        "measure": measure,
+                        "lower": " ".join(lower),
+                        "higher": " ".join(higher),
+                        "excess": _excess(table[[column]].T, lower, higher).item(),
+                        "excess_low": low,
+                        "excess_high": high,
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def _excess(
+    deviations: pd.DataFrame, lower: Sequence[str], higher: Sequence[str]
+) -> pd.Series:
+    """Return the smallest of ``higher`` minus the largest of ``lower``, by row.
+
+    ``deviations`` has a column per model.
+    """
+    return deviations[[*higher]].min(axis=1) - deviations[[*lower]].max(axis=1)
 
 
 def bootstrap(
@@ -348,26 +380,27 @@ def bootstrap(
     count = len(observed.last)
     draws = []
     for _ in range(min(_CALIBRATIONS, replicates)):
-        calibration = np.zeros(count, dtype=bool)
-        calibration[generator.choice(count, max(1, count // 100), replace=False)] = True
+        calibration = draw_particles(count, max(1, count // 100), generator)
         draws.append(dict(deviations(observed, phase, calibration)))
+    values = [np.column_stack(list(draw.values())) for draw in draws]
     samples = []
     for replicate in range(replicates):
-        values = np.column_stack(list(draws[replicate % len(draws)].values()))
-        samples.append(
-            _measures(values[generator.integers(0, len(values), len(values))])
-        )
+        of_draw = values[replicate % len(draws)]
+        drawn = generator.integers(0, len(of_draw), len(of_draw))
+        samples.append(_measures(of_draw[drawn]))
     by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
     return {
-        name: pd.DataFrame(values, columns=list(draws[0]))
-        for name, values in by_measure
+        name: pd.DataFrame(sample, columns=list(draws[0]))
+        for name, sample in by_measure
     }
 
 
 def _measures(values: Array) -> Array:
     """Return MAE and IQR (2, models) of deviations (n, models), NaN ignored."""
-    # without NaN all columns at once; else numpy takes one after the other
-    quantile = np.nanquantile if np.isnan(values).any() else np.quantile
+    quantile = np.quantile
+    # NumPy takes all columns at once if none holds NaN, which is much faster.
+    if np.isnan(values).any():
+        quantile = np.nanquantile
     spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))
     return np.stack([np.nanmean(np.abs(values), axis=0), spread])
 
@@ -395,11 +428,9 @@ def holds(
     chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
     answers = []
     for _, part in chosen.groupby(["data_set", "lower", "higher"], sort=False):
-        each = {
-            claims.beyond(*ends)
-            for ends in part[["excess_low", "excess_high"]].to_numpy()
-        }
-        answers.append(each.pop() if len(each) == 1 else None)
+        ends = zip(part["excess_low"], part["excess_high"], strict=True)
+        by_measure = {claims.beyond(low, high) for low, high in ends}
+        answers.append(by_measure.pop() if len(by_measure) == 1 else None)
     return answers
 
 
@@ -427,13 +458,13 @@ def draw_deviations(
         Angle of the models' names in degrees.
     """
     sets = summaries["data_set"].unique()
-    size = {"width_mm": style.PAGE_MM, "height_mm": height_mm}
-    picture, grid = style.canvas(len(labels), len(sets), **size)
+    picture, grid = style.canvas(
+        len(labels), len(sets), width_mm=style.PAGE_MM, height_mm=height_mm
+    )
     for panels, (row, label) in zip(grid, labels.items(), strict=True):
+        of_row = summaries[summaries[rows] == row]
         for axes, data_set in zip(panels, sets, strict=True):
-            chosen = summaries[
-                (summaries[rows] == row) & (summaries["data_set"] == data_set)
-            ]
+            chosen = of_row[of_row["data_set"] == data_set]
             axes.axhline(0, color="0.6", lw=0.6, ls="-")
             style.draw_boxes(axes, chosen)
             axes.set_xticks(range(len(chosen)), chosen["model"], rotation=rotation)

@@ -1,13 +1,10 @@
-"""Recordings of a real belt: joined into one table, and their links compared with the
-authors'.
-"""
+"""Find the recordings of a real belt, and join several into one table."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from kilnflight.belt.recordings import list_recordings
@@ -37,11 +34,11 @@ def find_recordings() -> dict[str, list[Path]]:
     files = list_recordings(folder)
     if folder != published and not files:
         raise InputError(f"KILNFLIGHT_RECORDINGS is {folder}, which has no recording.")
-    for name in data.RECORDINGS if folder == published else ():
-        plain = published.parent / name
-        for path in (plain, plain.with_name(f"{plain.name}.gz")):
-            if path.is_file():
-                data.check(path, name)
+    if folder == published:
+        for name in data.RECORDINGS:
+            for path in (published.parent / name, published.parent / f"{name}.gz"):
+                if path.is_file():
+                    data.check(path, name)
     return files
 
 
@@ -92,60 +89,17 @@ def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
         row += len(measured)
         track += 1 + _greatest(followed.ends["particle"], -1)
     return Followed(
-        pd.concat(states, ignore_index=True), pd.concat(ends, ignore_index=True)
+        states=pd.concat(states, ignore_index=True),
+        ends=pd.concat(ends, ignore_index=True),
     )
 
 
 def _shifted(table: pd.DataFrame, **offsets: int) -> pd.DataFrame:
     """Return a table with an offset added to each named column; -1 (none) stays."""
-    moved = {
-        name: table[name] + by * (table[name] >= 0) for name, by in offsets.items()
-    }
-    return table.assign(**moved)
+    for name, offset in offsets.items():
+        table = table.assign(**{name: table[name] + offset * (table[name] >= 0)})
+    return table
 
 
 def _greatest(numbers: pd.Series, if_none: int) -> int:
     return int(numbers.max()) if len(numbers) else if_none
-
-
-def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
-    """Return the links of tracks: pairs (links, 2) of row numbers, earlier and later.
-
-    ``column`` of ``table`` holds each measurement's track (-1: none); rows are ordered
-    by ``frame``.
-    """
-    track = table[column].to_numpy()
-    frame = table["frame"].to_numpy()
-    order = np.lexsort((frame, track))
-    same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
-    return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
-
-
-def compare_links(measured: pd.DataFrame, followed: Followed) -> dict[str, float]:
-    """Compare a tracker's links with the authors' (notebook 44).
-
-    A link is a pair of measurements that follow each other in a track.
-
-    Parameters
-    ----------
-    measured
-        From `join_recordings`, a row per measurement.
-    followed
-        Tracks of these measurements, from `join_followed`.
-
-    Returns
-    -------
-    dict
-        Numbers ``links_authors``, ``links_tracker``; ``recall_percent``: share of the
-        authors' links that the tracker found; ``agreed_percent``: share of the
-        tracker's links that the authors have.
-    """
-    states = followed.states[followed.states["row"] >= 0]
-    track = pd.Series(states["particle"].to_numpy(), states["row"])
-    track = track.reindex(range(len(measured)), fill_value=-1)
-    tracker = links(measured.assign(track=track.to_numpy()), "track")
-    authors = links(measured, "author_track")
-    shared = 100 * len(tracker.intersection(authors))
-    counts = {"links_authors": len(authors), "links_tracker": len(tracker)}
-    shares = (shared / len(authors), shared / len(tracker))
-    return counts | dict(zip(["recall_percent", "agreed_percent"], shares, strict=True))

@@ -1,50 +1,32 @@
-"""Particles of the belt papers: shape, size and number."""
+"""Describe the particles of the belt papers: shape, size and number."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 
 @dataclass(frozen=True)
 class Bulk:
-    """One bulk material.
+    """One bulk material of particles that lie on their largest face.
 
     Parameters
     ----------
-    shape
-        ``sphere``, ``cylinder`` or ``box``.
-    half_mm
-        Of a sphere: radius. Of a cylinder: radius, half of the height. Of a box: half
-        edges, the shortest last, so that it lies on its largest face.
+    outline_mm
+        Half length, half width and corner radius, from above.
+    rest_mm
+        Height of the centre above the belt.
     count
         Particles in 0.2 kg (2020 paper, section 4).
     """
 
-    shape: str
-    half_mm: tuple[float, ...]
+    outline_mm: tuple[float, float, float]
+    rest_mm: float
     count: int
 
-    @property
-    def rest_mm(self) -> float:
-        """The height of the centre of a particle that lies on the belt."""
-        return self.half_mm[0] if self.shape == "cylinder" else self.half_mm[-1]
 
-    @property
-    def outline_mm(self) -> npt.NDArray[np.float64]:
-        """Half length, half width and corner radius (3,) in mm, lying, from above."""
-        if self.shape == "sphere":
-            return np.repeat(self.half_mm, 3)
-        along, across = self.half_mm[:2]
-        if self.shape == "cylinder":  # lies along its axis
-            along, across = across, along
-        return np.array([along, across, 0.0])
-
-
-BULKS: dict[str, Bulk] = {
-    "spheres": Bulk("sphere", (2.5,), 3713),
-    "cuboids": Bulk("box", (3.0, 2.5, 1.0), 4357),
-    "cylinders": Bulk("cylinder", (1.5, 4.5), 4427),
+# Spheres of 5 mm, boxes of 6 x 5 x 2 mm, cylinders of 9 mm by a diameter of 3 mm.
+BULKS = {
+    "spheres": Bulk(outline_mm=(2.5, 2.5, 2.5), rest_mm=2.5, count=3713),
+    "cuboids": Bulk(outline_mm=(3.0, 2.5, 0.0), rest_mm=1.0, count=4357),
+    "cylinders": Bulk(outline_mm=(4.5, 1.5, 0.0), rest_mm=1.5, count=4427),
 }

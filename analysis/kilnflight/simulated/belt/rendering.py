@@ -1,4 +1,4 @@
-"""Synthetic pictures of particles on the belt (2016 paper, IV.B).
+"""Render pictures of particles on the belt (2016 paper, IV.B).
 
 Pictures are rendered on demand: particles are drawn from true places with their shape
 and direction, soft edges, motion blur and noise. What measures sees the pictures alone.
@@ -11,14 +11,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from numba import njit
 from scipy.spatial.transform import Rotation
 
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
-from kilnflight.checks import InputError, check_columns, check_number
+from kilnflight.checks import InputError
 from kilnflight.simulated.belt.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
@@ -27,6 +26,21 @@ from kilnflight.tables import BELT_TRACKS
 class CameraView:
     """A pinhole camera above the middle of the belt, without distortion of the lens.
 
+    Parameters
+    ----------
+    rows, cols
+        Size of a picture in px (section IV.B).
+    mm_per_px
+        Scale at the belt (section IV.B).
+    frames_per_s
+        Rate (section IV.B).
+    height_mm
+        Height above the belt; assumption.
+    turned_deg
+        Rotation about its own axis; assumption: mounted by hand.
+    tilted_deg
+        Angle against the vertical, along the belt; assumption.
+
     Notes
     -----
     The paper gives the picture's size, its scale and its rate. Height and the small
@@ -34,13 +48,13 @@ class CameraView:
     particle's centre lies above the plane that the belt's corners calibrate.
     """
 
-    rows: int = 708  # px, section IV.B
-    cols: int = 1064  # px, section IV.B
-    mm_per_px: float = 0.44  # at the belt, section IV.B
-    frames_per_s: float = 200.0  # section IV.B
-    height_mm: float = 1000.0  # above the belt; assumption
-    turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
-    tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
+    rows: int = 708
+    cols: int = 1064
+    mm_per_px: float = 0.44
+    frames_per_s: float = 200.0
+    height_mm: float = 1000.0
+    turned_deg: float = 0.3
+    tilted_deg: float = 0.3
 
     def pixels(self, places: Array) -> Array:
         """Return row and col in px (n, 2) of places (n, 3).
@@ -50,18 +64,15 @@ class CameraView:
         angles = [self.turned_deg, self.tilted_deg]
         turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
         middle = BELT.corners.mean(axis=0)
-        # From above: x to the right, y down, depth away from the camera.
-        away = (
-            np.column_stack([places[:, :2] - middle, self.height_mm - places[:, 2]])
-            @ turn.T
-        )
+        # Seen from above: x to the right, y down, depth away from the camera.
+        depth = self.height_mm - places[:, 2]
+        away = np.column_stack([places[:, :2] - middle, depth]) @ turn.T
         # The camera is moved sideways so that the tilted axis still meets the belt's
         # middle.
         away[:, :2] -= turn[:2, 2] * self.height_mm
         scale = self.height_mm / self.mm_per_px / away[:, 2:]
-        return (away[:, :2] * scale)[:, ::-1] + np.array(
-            [self.rows - 1, self.cols - 1]
-        ) / 2
+        centre = np.array([self.rows - 1, self.cols - 1]) / 2
+        return (away[:, :2] * scale)[:, ::-1] + centre
 
 
 _VIEW = CameraView()
@@ -76,22 +87,39 @@ class Pictures:
     Frame k is taken at k / frames_per_s, the middle of its exposure; a particle is seen
     where the tracks have a row at that time. The same seed gives the same bytes, in any
     order.
+
+    Parameters
+    ----------
+    tracks
+        `kilnflight.tables.BELT_TRACKS`; with ``angle_rad``, of a particle from the x
+        axis, if that is known.
+    bulk
+        Shape and size of the particles.
+    seed
+        Seed of the noise, of the belt's texture and of unknown angles.
+    view
+        Camera.
+    belt_gray, floor_gray, particle_gray
+        Grey values of 255 of a dark belt, of what is beside it, and of wood;
+        assumptions, as are the next.
+    noise_gray
+        Standard deviation of the noise, new in each frame.
+    soft_px
+        Width of an edge in px.
+    exposure_s
+        Exposure in s; 3.4 px of blur at the belt's velocity.
     """
 
-    tracks: (
-        pd.DataFrame
-    )  # BELT_TRACKS; angle_rad, if known: of a particle from the x axis
+    tracks: pd.DataFrame
     bulk: Bulk
     seed: int
     view: CameraView = _VIEW
-    belt_gray: float = 60.0  # of 255; assumption, as are the next: a dark belt
-    floor_gray: float = 130.0  # beside the belt
-    particle_gray: float = 200.0  # wood
-    noise_gray: float = 3.0  # standard deviation, new in each frame
-    soft_px: float = 1.0  # width of an edge
-    exposure_s: float = (
-        0.001  # not printed; assumption: 3.4 px of blur at the belt's speed
-    )
+    belt_gray: float = 60.0
+    floor_gray: float = 130.0
+    particle_gray: float = 200.0
+    noise_gray: float = 3.0
+    soft_px: float = 1.0
+    exposure_s: float = 0.001
 
     def __post_init__(self) -> None:
         """Check the tracks."""
@@ -101,9 +129,8 @@ class Pictures:
         """Return the number of frames up to the last time of the tracks."""
         if not len(self.tracks):
             return 0
-        return 1 + int(
-            np.floor(self.tracks["time_s"].max() * self.view.frames_per_s + 1e-6)
-        )
+        last = self.tracks["time_s"].max() * self.view.frames_per_s
+        return 1 + int(np.floor(last + 1e-6))
 
     def __getitem__(self, frame: int) -> Picture:
         """Return the picture (rows, cols) of one frame."""
@@ -131,36 +158,31 @@ class Pictures:
         width, corner radius, and the way during the exposure, down and right. Lengths
         are in px. ``visible`` has a row per particle and frame.
         """
-        x = visible["x"].to_numpy()
-        y = visible["y"].to_numpy()
+        places = visible[["x", "y"]].to_numpy()
         angle = self._angles(visible)
+        tip = places + np.column_stack([np.cos(angle), np.sin(angle)])  # 1 mm ahead
+        ahead = places + self.exposure_s * _velocities(visible)
         height = np.full(len(visible), self.bulk.rest_mm)
-        middle = self.view.pixels(np.column_stack([x, y, height]))
-        ahead = np.column_stack([x, y]) + self.exposure_s * _velocities(visible)
-        way = self.view.pixels(np.column_stack([ahead, height])) - middle
-        tip = np.column_stack(
-            [x + np.cos(angle), y + np.sin(angle), height]
-        )  # 1 mm ahead
-        along = self.view.pixels(tip) - middle
+        middle, end, along = (
+            self.view.pixels(np.column_stack([each, height]))
+            for each in (places, ahead, tip)
+        )
+        along -= middle
         scale = np.hypot(along[:, 0], along[:, 1])  # px per mm
         direction = np.arctan2(along[:, 0], along[:, 1])
-        return np.column_stack(
-            [middle, direction, scale[:, None] * self.bulk.outline_mm, way]
-        )
+        sizes = scale[:, None] * np.array(self.bulk.outline_mm)
+        return np.column_stack([middle, direction, sizes, end - middle])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
-        """Return each row's direction (n,) in rad; if unknown, one drawn per particle."""
+        """Return each row's direction (n,) in rad, drawn by particle if unknown."""
         if "angle_rad" in visible.columns:
             return visible["angle_rad"].to_numpy(np.float64)
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
-        return np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))[
-            which
-        ]
+        drawn = np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))
+        return drawn[which]
 
-    def _empty(self) -> npt.NDArray[np.float32]:
-        """Return the picture (rows, cols) of the belt without particles, its edges
-        soft.
-        """
+    def _empty(self) -> Single:
+        """Return the picture (rows, cols) of the belt without particles."""
         shape = self.view.rows, self.view.cols
         row, col = np.ogrid[: shape[0], : shape[1]]
         corners = self.view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
@@ -169,47 +191,39 @@ class Pictures:
             down, right = end - start
             away = right * (row - start[0]) - down * (col - start[1])
             np.minimum(inside, away / np.hypot(down, right), out=inside)
+        share = (0.5 + inside / self.soft_px).clip(0.0, 1.0)
         picture = np.full(shape, self.floor_gray, dtype=np.float32)
-        _blend(picture, self.belt_gray, 0.5 + inside / self.soft_px)
+        picture += share * (self.belt_gray - picture.astype(np.float64))
         texture = np.random.default_rng([self.seed, 0]).standard_normal(shape)
         return (picture + 2.0 * texture).astype(np.float32)
 
-    def _draw(self, picture: npt.NDArray[np.float32], outlines: Array) -> None:
+    def _draw(self, picture: Single, outlines: Array) -> None:
         """Draw rectangles with round corners into a picture (rows, cols), in place.
 
         ``outlines`` (n, 8) are from `_outlines`; where two overlap the later one is on
         top. Each is the mean of its places during the exposure, at most a pixel apart.
         """
         for row, col, angle, length, width, corner, down, ahead in outlines.tolist():
-            reach = (
-                math.hypot(length - corner, width - corner)
-                + corner
-                + self.soft_px
-                + 1.0
-            )
-            window = tuple(
-                slice(max(0, int(middle - most)), max(0, int(middle + most) + 2))
-                for middle, most in (
-                    (row, reach + abs(down) / 2),
-                    (col, reach + abs(ahead) / 2),
-                )
-            )
-            count = max(1, math.ceil(math.hypot(down, ahead)))
-            place = (row, col, down, ahead)
-            sizes = (length - corner, width - corner, corner)
-            turn = (math.cos(angle), math.sin(angle))
-            soft = self.soft_px
-            corner_px = (window[0].start, window[1].start)
+            straight = length - corner
+            side = width - corner
+            reach = math.hypot(straight, side) + corner + self.soft_px + 1.0
+            rows = _span(row, reach + abs(down) / 2)
+            cols = _span(col, reach + abs(ahead) / 2)
+            turn = np.float32(math.cos(angle)), np.float32(math.sin(angle))
             _cover(
-                picture[window],
-                corner_px,
-                place,
+                picture[rows, cols],
+                (rows.start, cols.start),
+                (row, col, down, ahead),
                 turn,
-                sizes,
-                soft,
-                count,
+                np.array([straight, side, corner, self.soft_px], np.float32),
+                max(1, math.ceil(math.hypot(down, ahead))),
                 self.particle_gray,
             )
+
+
+def _span(middle: float, reach: float) -> slice:
+    """Return the pixels of a picture that lie within ``reach`` of a place, in px."""
+    return slice(max(0, int(middle - reach)), max(0, int(middle + reach) + 2))
 
 
 @njit(cache=True)
@@ -217,9 +231,8 @@ def _cover(
     part: Single,
     first: tuple[int, int],
     place: tuple[float, float, float, float],
-    turn: tuple[float, float],
-    sizes: tuple[float, float, float],
-    soft_px: float,
+    turn: tuple[np.float32, np.float32],
+    sizes: Single,
     count: int,
     gray: float,
 ) -> None:
@@ -228,17 +241,15 @@ def _cover(
     The window ``part`` (rows, cols) begins at pixel ``first``, row and col. ``place``
     is row, col and the way during the exposure, down and right, in px; the particle is
     drawn at ``count`` places on it. ``turn`` is cosine and sine of its direction.
-    ``sizes`` are half length and half width without the corner radius, and that radius,
-    in px. Shares are of single precision, as the plain definition in the tests has
-    them.
+    ``sizes`` (4,) are half length and half width without the corner radius, that
+    radius, and the width of an edge, in px. Shares are of single precision.
     """
     row, col, down, ahead = place
-    c = np.float32(turn[0])
-    s = np.float32(turn[1])
-    soft = np.float32(soft_px)
-    length = np.float32(sizes[0])
-    width = np.float32(sizes[1])
-    corner = np.float32(sizes[2])
+    c, s = turn
+    length = sizes[0]
+    width = sizes[1]
+    corner = sizes[2]
+    soft = sizes[3]
     zero = np.float32(0.0)
     half = np.float32(0.5)
     one = np.float32(1.0)
@@ -252,10 +263,8 @@ def _cover(
                 u = abs(right * c + below * s) - length
                 v = abs(below * c - right * s) - width
                 distance = min(max(u, v), zero) - corner
-                if u > zero and v > zero:  # off a corner, else one of both is no way
-                    far = math.sqrt(
-                        np.float64(u) * np.float64(u) + np.float64(v) * np.float64(v)
-                    )
+                if u > zero and v > zero:  # the nearest point is a corner's
+                    far = math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2)
                     distance = np.float32(far) - corner
                 elif u > zero or v > zero:
                     distance = max(u, v) - corner
@@ -276,9 +285,8 @@ def _rounded(picture: Single, noise: Single, noise_gray: np.float32) -> Picture:
     for i in range(picture.shape[0]):
         for j in range(picture.shape[1]):
             value = np.rint(picture[i, j] + noise[i, j] * noise_gray)
-            rounded[i, j] = np.uint8(
-                min(max(value, np.float32(0.0)), np.float32(255.0))
-            )
+            value = min(max(value, np.float32(0.0)), np.float32(255.0))
+            rounded[i, j] = np.uint8(value)
     return rounded
 
 
@@ -288,21 +296,8 @@ def _velocities(visible: pd.DataFrame) -> Array:
     A particle's last row has that of the row before it, a single row 0.
     """
     step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
-    rates = (
-        step[["x", "y"]]
-        .div(step["time_s"], axis=0)
-        .groupby(visible["particle"])
-        .ffill()
-    )
-    return rates.fillna(0.0).to_numpy()
-
-
-def _blend(picture: npt.NDArray[np.float32], gray: float, share: Array) -> None:
-    """Mix a share of a grey value into a picture, both (rows, cols), in place.
-
-    The share is clipped to 0 to 1.
-    """
-    picture += share.clip(0.0, 1.0) * (gray - picture.astype(np.float64))
+    rates = step[["x", "y"]].div(step["time_s"], axis=0)
+    return rates.groupby(visible["particle"]).ffill().fillna(0.0).to_numpy()
 
 
 def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
@@ -315,10 +310,8 @@ def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
     ------
     InputError
         If the tracks have no rows at such times, as 100 Hz for a camera of 200
-        frames/s, or the rate is not above 0.
+        frames/s.
     """
-    check_number(frames_per_s, "at_rate: frames_per_s", above=0)
-    check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
     exact = tracks["time_s"].to_numpy() * frames_per_s
     frame = np.rint(exact).astype(np.int64)
     kept = np.abs(exact - frame) < 1e-3
