@@ -35,6 +35,11 @@ class DepthCalibration:
     closed_left
         Per breakpoint: whether the breakpoint itself belongs to the segment above it;
         empty: all do. Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
+
+    Examples
+    --------
+    >>> DepthCalibration.from_table([(1000, 1500), (2000, 2000)])([1000, 3000]).tolist()
+    [1500.0, 2500.0]
     """
 
     breakpoints_mm: tuple[float, ...]
@@ -54,8 +59,7 @@ class DepthCalibration:
 
     @classmethod
     def from_table(cls, pairs: npt.ArrayLike) -> Self:
-        """Return straight lines between measured depths, extended beyond the outer
-        ones.
+        """Return straight lines between measured depths, extended beyond them.
 
         Parameters
         ----------
@@ -99,7 +103,7 @@ class DepthCalibration:
         return np.select([index == piece for piece in range(len(pieces))], pieces)
 
     def jumps(self) -> Array:
-        """Return the right limit minus the left limit at each breakpoint, (n,) in mm."""
+        """Return right minus left limit at each breakpoint, (n,) in mm."""
         ends = zip(pairwise(self.coefficients), self.breakpoints_mm, strict=True)
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 

@@ -157,7 +157,10 @@ def _program(size: int, starts: tuple[int, ...]) -> npt.NDArray[np.uint64]:
 def _scheduled(
     comparisons: list[_Comparison], outputs: list[list[int]]
 ) -> Iterator[_Step]:
-    """Yield comparisons and ``outputs``, lists of values, each as early as it can be."""
+    """Yield comparisons and ``outputs``, which are lists of values, in order.
+
+    Outputs come as early as they can.
+    """
     numbered = enumerate(comparisons)
     made = {value: number for number, step in numbered for value in step[2:]}
     ready = [max(made[value] for value in values) for values in outputs]

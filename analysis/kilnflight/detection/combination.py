@@ -118,8 +118,7 @@ def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Cluster
 
 
 def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index]:
-    """Return the areas (n, 4) of clusters in px, as `rectangles`, and the cluster (n,)
-    of each.
+    """Return areas (n, 4) of clusters in px, and the cluster (n,) of each.
 
     ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1.
     False: its pixels, which do not fill it.
@@ -259,16 +258,16 @@ class Combination:
 
     Examples
     --------
-    A bright square of 7 x 7 pixels moves into the picture, with a cluster of points 6 m
-    away. Keypoint and cluster are one particle, case 1. The pixels in the last rows
-    are the wall.
+    A bright square of 7 x 7 pixels appears, 6 m away in front of a wall. Its keypoint
+    and its cluster are one particle, case 1.
 
     >>> gray = np.full((60, 80), 500, np.uint16)
     >>> gray[20:27, 30:37] = 9000
-    >>> pixels = np.concatenate([np.argwhere(gray > 500), np.argwhere(gray < 501)[-800:]])
-    >>> depth = np.where(np.arange(len(pixels)) < 49, 6000.0, 9000.0)
-    >>> view = View(gray, 0 * gray, gray - 500.0, pixels, np.c_[9.0 * pixels, depth])
-    >>> Combination()(view)[["row", "col", "z", "points", "case"]].round().values.tolist()
+    >>> pixels = np.argwhere(gray)
+    >>> depth = np.where(gray.ravel() > 500, 6000.0, 9000.0)
+    >>> view = View(gray, 0 * gray, gray - 500.0, pixels, np.c_[5.0 * pixels, depth])
+    >>> found = Combination()(view)
+    >>> found[["row", "col", "z", "points", "case"]].round().to_numpy().tolist()
     [[23.0, 33.0, 6000.0, 49.0, 1.0]]
     """
 
@@ -365,10 +364,10 @@ class Combination:
 
 @dataclass(frozen=True)
 class Planar:
-    """Find particles in pictures alone, for recordings without depth (sections 2.2.2,
-    2.2.3).
+    """Find particles in pictures alone, for recordings without depth.
 
-    No frame difference is asked for, so particles that rest are found, too.
+    Sections 2.2.2 and 2.2.3 of the thesis. No frame difference is needed, so particles
+    that rest are found, too.
 
     Parameters
     ----------
@@ -411,8 +410,7 @@ class Planar:
 
 
 def _strongest(graded: Array, apart: float) -> Array:
-    """Return row, col and radius (k, 3) of the spots (n, 4) without a stronger one near
-    by.
+    """Return row, col and radius (k, 3) of spots (n, 4) without a stronger one near by.
 
     The last column of ``graded`` is the strength; near is below ``apart`` px.
     """

@@ -181,8 +181,13 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()
     nearest = np.argsort(np.add.outer(around**2, around**2).ravel(), kind="stable")
-    ends = np.append(starts, len(keys))
-    return _Cells(order, points.take(order, axis=0), keys[starts], ends, steps[nearest])
+    return _Cells(
+        order=order,
+        points=points.take(order, axis=0),
+        keys=keys[starts],
+        starts=np.append(starts, len(keys)),
+        steps=steps[nearest],
+    )
 
 
 def _extremes(points: Array, starts: Whole) -> Array:
@@ -254,11 +259,11 @@ def _advance(keys: Any, start: int, bound: int) -> int:
 
 @njit(cache=True)
 def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> bool:
-    """Return whether one of the points (n, 3) is within eps of a box; ``limit`` is
-    eps^2.
+    """Return whether one of the points (n, 3) is within eps of a box.
 
-    The box is from ``low[b]`` to ``high[b]``, (m, 3) in mm; of a point both are the
-    same. The gap to a box is never larger than to a point in it, after rounding, too.
+    ``limit`` is eps^2. The box is from ``low[b]`` to ``high[b]``, (m, 3) in mm; of a
+    point both are the same. The gap to a box is never larger than to a point in it,
+    after rounding, too.
     """
     square = 0.0
     for axis in range(3):
@@ -321,13 +326,16 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
 
 
 def _only(cells: _Cells, core: Flags) -> _Cells:
-    """Return the core points, marked by ``core`` (n,), in their cells; no cell is
-    empty.
-    """
+    """Return the core points, marked by ``core`` (n,), in cells that are not empty."""
     sizes = np.add.reduceat(core, cells.starts[:-1], dtype=np.int64)
-    starts = np.concatenate([[0], np.cumsum(sizes[sizes > 0])])
-    points = cells.points.compress(core, axis=0)
-    return _Cells(cells.order[core], points, cells.keys[sizes > 0], starts, cells.steps)
+    kept = sizes > 0
+    return _Cells(
+        order=cells.order[core],
+        points=cells.points.compress(core, axis=0),
+        keys=cells.keys[kept],
+        starts=np.concatenate([[0], np.cumsum(sizes[kept])]),
+        steps=cells.steps,
+    )
 
 
 @njit(cache=True)
@@ -386,8 +394,7 @@ def _connected_cells(cells: _Cells, lowest: Any, highest: Any, limit: float) -> 
 
 @njit(cache=True)
 def _number_clusters(roots: Any, labels: Any) -> Any:
-    """Change ``labels`` (n,) into numbers of clusters; return those of their cells
-    (m,).
+    """Change ``labels`` (n,) into clusters; return the cluster of each cell (m,).
 
     Labels are in the order of the caller's cloud: before, the ``roots`` (m,) of
     `_connected_cells`, or `NOISE`. The cluster of the first core point has the first

@@ -156,11 +156,11 @@ def _has_peak(area: Single, prominence: float) -> bool:
 
 @numba.njit(cache=True)
 def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each area (n, 4) has a peak in the absolute difference of two
-    pictures.
+    """Return whether each area (n, 4) has a peak where two pictures differ.
 
-    Both are (rows, cols), ``prominence`` is in grey values. Compiled: some hundred
-    areas of a frame take half of the time of a loop in Python.
+    The peak is in the absolute difference. Both are (rows, cols), ``prominence`` is in
+    grey values. Compiled: some hundred areas of a frame take half of the time of a loop
+    in Python.
     """
     changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
     return np.array([_has_peak(change, prominence) for change in changes])
@@ -345,10 +345,9 @@ class Evidence(NamedTuple):
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
-        """Return whether each area (n, 4) has a peak in the absolute difference of both
-        frames.
+        """Return whether each area (n, 4) has a peak where both frames differ.
 
-        `real` needs one. The peaks are those of `find_peaks`.
+        The peak, as of `find_peaks`, is in the absolute difference; `real` needs one.
         """
         return _moved(self.gray, self.before, areas, self.change_threshold)
 

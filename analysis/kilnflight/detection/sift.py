@@ -113,9 +113,9 @@ class DoG:
     Examples
     --------
     >>> row, col = np.ogrid[:60, :80]
-    >>> blob = 9000 * np.exp(-((row - 20) ** 2 + (col - 33) ** 2) / (2 * 4.0**2))
-    >>> DoG(threshold=500.0)(blob).round(1).tolist()  # radius 4 px times the root of 2
-    [[20.0, 33.0, 5.6]]
+    >>> blob = 9000 * np.exp(-((row - 20) ** 2 + (col - 33) ** 2) / (2 * 3.0**2))
+    >>> DoG(threshold=500.0)(blob).round(1).tolist()  # radius 3 px times the root of 2
+    [[20.0, 33.0, 4.2]]
     """
 
     threshold: float = 500.0  # grey values; empirical value of section 5.1.2
@@ -191,15 +191,16 @@ class DoG:
         shift = (times - 1) / 2  # px from the middle of a pixel to that of its first
         corners = None
         if within is not None:
-            corners = [(times * row + shift, times * col + shift) for row, col in within]
+            corners = [
+                (times * row + shift, times * col + shift) for row, col in within
+            ]
         blur = min(times * self.camera_blur, SIGMA_PX)
         plain = replace(self, camera_blur=blur, enlarge=1)
         found = plain.graded(enlarged(image, times), corners)
         return (found - [shift, shift, 0, 0]) / [times, times, times, 1]
 
     def _octave(self, image: Single, spacing: float, within: Polygon | None) -> Array:
-        """Return row, col, radius and largest threshold (n, 4) of an octave's
-        keypoints.
+        """Return row, col, radius, largest threshold (n, 4) of an octave's keypoints.
 
         Places and radii are in px of the image at full size; one pixel of the octave's
         ``image`` (rows, cols) is ``spacing`` of them.
@@ -543,9 +544,9 @@ def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
 
 @njit(cache=True)
 def _boxes(live: Any, shape: tuple[int, int]) -> Any:
-    """Return the boxes (n, 4) to search, in px: of each tile the part with blocks that
-    are live.
+    """Return a list of the boxes to search, in px.
 
+    A box is the part of a tile with blocks that are live, columns as of `_Box`.
     ``live`` (block rows, block cols) is from `_reachable`, ``shape`` that of the image
     in px. Boxes leave out the outermost pixels of the image. Compiled: there are some
     hundred tiles.

@@ -57,8 +57,9 @@ class Cylinder:
     The wall of Table 5.12:
 
     >>> centre = (74.275, 495.0013, 9257.7)
-    >>> Cylinder(centre, direction=(21.6677, -41.4764, 1533.6), radius_mm=772.1827).radius_mm
-    772.1827
+    >>> wall = Cylinder(centre, (21.6677, -41.4764, 1533.6), radius_mm=772.1827)
+    >>> distance_to_axis([(74.275, 0.0, 9257.7)], wall).round(1).tolist()  # mm
+    [494.8]
     """
 
     centre_mm: tuple[float, float, float]
