@@ -33,6 +33,7 @@ points = 0  # points per plate distance; 0: 200, 2000 or 20000 by scale
 import numpy as np
 import pandas as pd
 from matplotlib import cbook
+from scipy.linalg import null_space
 
 from kilnflight import camera
 from kilnflight.publication import figures, style
@@ -186,15 +187,36 @@ figures.save(
 #
 # Beside Eq. 2.4 stand three fits to the plate by least squares with the same
 # breakpoints: `free` to jump, `continuous`, and `medians`, continuous through the
-# eleven medians only.
+# eleven medians only. Continuous fits are solved in the null space of the condition
+# that neighbours agree at the breakpoints.
+
 
 # %%
+def fit_segments(captured_mm, true_mm, continuous=False):
+    """Fit one quadratic per segment of Eq. 2.4 to the true depth."""
+    borders = published.breakpoints_mm
+    member = published.segment(captured_mm.ravel())[:, None] == np.arange(3)
+    powers = np.vander(captured_mm.ravel() / 1000.0, 3)  # m: powers of one size
+    design = (member[:, :, None] * powers[:, None]).reshape(-1, 9)
+    basis = np.eye(9)
+    if continuous:
+        sides = np.eye(3)[:-1] - np.eye(3)[1:]
+        apart = sides[:, :, None] * np.vander(np.divide(borders, 1000.0), 3)[:, None]
+        basis = null_space(apart.reshape(2, 9))
+    solution = np.linalg.lstsq(design @ basis, true_mm.ravel(), rcond=None)[0]
+    rows = (basis @ solution).reshape(3, 3) / [1e6, 1e3, 1.0]
+    return camera.DepthCalibration(borders, tuple(map(tuple, rows.tolist())))
+
+
 fits = {
-    "printed": camera.EQUATION_2_4,
-    "free": camera.fit_depth_segments(captured, true),
-    "continuous": camera.fit_depth_segments(captured, true, continuous=True),
-    "medians": camera.fit_depth_segments(medians, 1000.0 * metres, continuous=True),
+    "printed": published,
+    "free": fit_segments(captured, true),
+    "continuous": fit_segments(captured, true, continuous=True),
+    "medians": fit_segments(medians, 1000.0 * metres, continuous=True),
 }
+assert np.allclose(fits["continuous"].jumps(), 0.0, atol=1e-6)
+recovered = fit_segments(captured, published(captured))  # without scatter
+assert np.allclose(recovered(captured), published(captured), atol=1e-5)
 errors = pd.DataFrame({"true_m": metres, "before_mm": medians - 1000.0 * metres})
 for name, fit in fits.items():
     errors[f"{name}_mm"] = np.median(fit(captured), axis=1) - 1000.0 * metres

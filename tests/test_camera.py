@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from kilnflight.camera import (
     EQUATION_2_4,
-    PLATE_DISTANCES_MM,
     DepthCalibration,
     calibrate_depth,
     calibrate_points,
     captured_depths,
-    fit_depth_segments,
     invert_depth,
     read_calibration,
 )
@@ -88,36 +84,3 @@ def test_the_inverse_nearest_to_the_true_depth_is_taken():
     assert invert_depth([[3000.0]]) == pytest.approx(np.array([[3117.5]]), abs=0.05)
     cubic = DepthCalibration((3000.0,), ((1.0, 0.0), (0.0, 1e-9, 2e-4, 0.5, 100.0)))
     assert cubic(invert_depth(9000.0, cubic)) == pytest.approx(9000.0)
-
-
-coefficients = st.tuples(
-    st.floats(-0.001, 0.001), st.floats(0.2, 5.0), st.floats(-5000.0, 5000.0)
-)
-
-
-@given(st.tuples(coefficients, coefficients, coefficients))
-def test_a_fit_without_scatter_finds_the_coefficients(three):
-    truth = DepthCalibration((3000.0, 5000.0), three)
-    captured = np.linspace(500.0, 11_000.0, 200)
-    fitted = fit_depth_segments(captured, truth(captured))
-    np.testing.assert_allclose(fitted(captured), truth(captured), atol=1e-5)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_a_continuous_fit_is_the_best_without_jumps(seed):
-    rng = np.random.default_rng(seed)
-    true = np.repeat(np.array(PLATE_DISTANCES_MM)[:, None], 20, axis=1)
-    captured = invert_depth(PLATE_DISTANCES_MM)[:, None] + rng.normal(
-        0, 150, true.shape
-    )
-    fitted = fit_depth_segments(captured, true, continuous=True)
-    np.testing.assert_allclose(fitted.jumps(), 0.0, atol=1e-6)
-    # continuous quadratics: one of them and two more powers of the excess over each
-    # breakpoint
-    excess = [np.maximum(captured.ravel() / 1000 - at, 0) for at in (3.0, 5.0)]
-    powers = [
-        *np.vander(captured.ravel() / 1000, 3).T,
-        *(e**k for e in excess for k in (1, 2)),
-    ]
-    best = np.linalg.lstsq(np.transpose(powers), true.ravel(), rcond=None)[1]
-    assert np.sum((fitted(captured) - true) ** 2) == pytest.approx(best[0], rel=1e-6)

@@ -15,7 +15,6 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import null_space
 
 from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError, check_finite
@@ -35,6 +34,11 @@ class DepthCalibration:
     closed_left
         Per breakpoint: whether the breakpoint itself belongs to the segment above it;
         empty: all do. Eq. 2.4 gives both 3000 and 5000 mm to the middle segment.
+
+    Examples
+    --------
+    >>> DepthCalibration.from_table([(1000, 1500), (2000, 2000)])([1000, 3000]).tolist()
+    [1500.0, 2500.0]
     """
 
     breakpoints_mm: tuple[float, ...]
@@ -54,8 +58,7 @@ class DepthCalibration:
 
     @classmethod
     def from_table(cls, pairs: npt.ArrayLike) -> Self:
-        """Return straight lines between measured depths, extended beyond the outer
-        ones.
+        """Return straight lines between measured depths, extended beyond them.
 
         Parameters
         ----------
@@ -99,7 +102,7 @@ class DepthCalibration:
         return np.select([index == piece for piece in range(len(pieces))], pieces)
 
     def jumps(self) -> Array:
-        """Return the right limit minus the left limit at each breakpoint, (n,) in mm."""
+        """Return right minus left limit at each breakpoint, (n,) in mm."""
         ends = zip(pairwise(self.coefficients), self.breakpoints_mm, strict=True)
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
@@ -155,10 +158,11 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
     if isinstance(stated, list | tuple):
         return DepthCalibration.from_table(stated)
     try:
-        breakpoints = stated["breakpoints_mm"]
-        rows = stated["coefficients"]
-        closed = tuple(map(bool, stated.get("closed_left", ())))
-        return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
+        return DepthCalibration(
+            breakpoints_mm=tuple(stated["breakpoints_mm"]),
+            coefficients=tuple(map(tuple, stated["coefficients"])),
+            closed_left=tuple(map(bool, stated.get("closed_left", ()))),
+        )
     except (TypeError, KeyError, AttributeError):
         known = f"{', '.join(_BY_NAME)}, pairs, or breakpoints_mm with coefficients"
         raise InputError(f"depth_calibration: {stated!r} is not {known}.") from None
@@ -229,62 +233,6 @@ def invert_depth(
             raise InputError(f"true depth: no captured depth gives {depth} mm.")
         nearest.append(solutions[np.argmin(np.abs(np.subtract(solutions, depth)))])
     return np.reshape(nearest, true.shape)
-
-
-def fit_depth_segments(
-    captured_mm: npt.ArrayLike, true_mm: npt.ArrayLike, *, continuous: bool = False
-) -> DepthCalibration:
-    """Fit one quadratic per segment of the captured depth, segments as in Eq. 2.4.
-
-    Least squares of the true on the captured depth. With ``continuous`` the polynomials
-    are fitted together, under the condition that neighbours agree at the breakpoints
-    (solved in the null space of that condition).
-
-    Parameters
-    ----------
-    captured_mm, true_mm
-        Captured depth of plate points and the distance of their plate, (n,) each.
-    continuous
-        Whether neighbours must agree at the breakpoints. If not, the result may jump
-        there, as Eq. 2.4 does by -356 mm at 3000 mm.
-
-    Returns
-    -------
-    DepthCalibration
-        With the breakpoints of Eq. 2.4, 3000 and 5000 mm, each in the segment above it.
-
-    Raises
-    ------
-    InputError
-        If the arrays differ in shape or the points do not determine the coefficients.
-        Each segment needs three different captured depths, fewer with ``continuous``.
-    """
-    captured = check_finite(captured_mm, "captured depth")
-    true = check_finite(true_mm, "true depth", captured.shape).ravel()
-    captured = captured.ravel()
-    breakpoints = EQUATION_2_4.breakpoints_mm
-    segments = 3
-    size = 3
-    # per point one column of powers for each segment; metres, so that powers stay of
-    # one size
-    segment = DepthCalibration(breakpoints, ((0.0,),) * segments).segment(captured)
-    member = segment[:, None] == np.arange(segments)
-    powers = np.vander(captured / 1000.0, size)
-    design = (member[:, :, None] * powers[:, None]).reshape(captured.size, -1)
-    basis = np.eye(segments * size)
-    if continuous:  # neighbours agree at the breakpoint between them
-        borders = np.vander(np.array(breakpoints) / 1000.0, size)
-        sides = np.eye(segments)[:-1] - np.eye(segments)[1:]
-        basis = null_space(
-            (sides[:, :, None] * borders[:, None]).reshape(len(borders), -1)
-        )
-    solution, _, rank, _ = np.linalg.lstsq(design @ basis, true, rcond=None)
-    if rank < basis.shape[1]:
-        raise InputError("captured depth: too few different depths in a segment.")
-    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(
-        size - 1, -1, -1
-    )
-    return DepthCalibration(breakpoints, tuple(tuple(row) for row in fitted.tolist()))
 
 
 def calibrate_points(

@@ -1,80 +1,64 @@
-"""Keypoints of SIFT in plain code (thesis, 2.2.3; Lowe 2004): float64, no shortcut."""
+"""Keypoints as maxima of a plain difference of Gaussians (thesis, 2.2.3; Lowe 2004)."""
 
+import cv2
 import numpy as np
-from scipy.ndimage import correlate1d, maximum_filter
+from scipy.ndimage import maximum_filter
 
 LAYERS, SIGMA = 3, 1.6
+K = 2.0 ** (1 / LAYERS)
+AROUND = np.ones((3, 3, 3), bool)
+AROUND[1, 1, 1] = False
 
 
 def blur(image, sigma):
-    if sigma < 1e-9:
-        return image
-    offset = np.arange(-np.ceil(4 * sigma), np.ceil(4 * sigma) + 1)
-    weight = np.exp(-(offset**2) / (2 * sigma**2))
-    for axis in (0, 1):
-        image = correlate1d(image, weight / weight.sum(), axis=axis, mode="mirror")
-    return image
+    side = 2 * int(np.ceil(4 * sigma)) + 1
+    border = cv2.BORDER_REFLECT_101
+    return cv2.GaussianBlur(image, (side, side), sigma, borderType=border)
 
 
-def fit(cube):
-    """Gradient and Hessian of a 3 x 3 x 3 neighbourhood by central differences."""
-    at = lambda d: cube[tuple(1 + d)]  # noqa: E731
-    unit, hessian = np.eye(3, dtype=int), np.empty((3, 3))
-    for i, e in enumerate(unit):
-        hessian[i, i] = at(e) + at(-e) - 2 * at(0 * e)
-        for j, f in enumerate(unit[:i]):
-            cross = (at(e + f) - at(e - f) - at(f - e) + at(-e - f)) / 4
-            hessian[i, j] = hessian[j, i] = cross
-    return np.array([(at(e) - at(-e)) / 2 for e in unit]), hessian
+def fit(stack, i, y, x):
+    """Value, gradient and Hessian of a sample by central differences."""
+    cube = stack[i - 1 : i + 2, y - 1 : y + 2, x - 1 : x + 2]
+    slopes = np.gradient(cube)
+    hessian = np.empty((3, 3))
+    for axis in range(3):
+        hessian[axis] = [slope[1, 1, 1] for slope in np.gradient(slopes[axis])]
+        hessian[axis, axis] = np.diff(cube.swapaxes(0, axis)[:, 1, 1], 2)[0]
+    return cube[1, 1, 1], np.array([slope[1, 1, 1] for slope in slopes]), hessian
 
 
 def localised(stack, sample, threshold, edge):
     """Follow Eqs 2.25 to 2.28 from a sample; None if the keypoint is dropped."""
-    i, y, x = sample
+    place = np.array(sample)
+    last = np.array(stack.shape[1:]) - 2
     for step in range(3):
-        gradient, hessian = fit(stack[i - 1 : i + 2, y - 1 : y + 2, x - 1 : x + 2])
+        value, gradient, hessian = fit(stack, *place)
         if np.linalg.det(hessian) == 0:
             return None
-        offset = np.linalg.solve(hessian, -gradient)
-        move = np.where(np.abs(offset[1:]) > 0.6, np.sign(offset[1:]), 0).astype(int)
-        goal = np.add([y, x], move)
-        goal = np.where(
-            (goal >= 1) & (goal < np.array(stack.shape[1:]) - 1), goal, [y, x]
-        )
-        if step == 2 or (goal == [y, x]).all():
-            break
-        y, x = (int(g) for g in goal)
-    curvature = hessian[1:, 1:]
-    strong = stack[i, y, x] + gradient @ offset / 2 >= threshold
-    bent = np.linalg.det(curvature) > 0 and (
-        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (edge + 1) ** 2 / edge
-    )
-    return (i, y, x, *offset) if strong and bent and np.abs(offset).max() < 1 else None
-
-
-def octave(image, threshold, edge):
-    sigmas = SIGMA * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)
-    gauss = np.stack([blur(image, np.sqrt(s**2 - SIGMA**2)) for s in sigmas])
-    stack = gauss[:-1] - gauss[1:]
-    around = np.ones((3, 3, 3), dtype=bool)
-    around[1, 1, 1] = False
-    peak = stack > maximum_filter(stack, footprint=around)
-    peak &= (stack >= threshold / 2) & (stack > 0)
-    samples = np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1
-    found = {localised(stack, sample, threshold, edge) for sample in samples}
-    found = np.array(sorted(found - {None})).reshape(-1, 6)
-    k = 2 ** (1 / LAYERS)
-    disc = k * np.sqrt(2 * np.log(k**2) / (k**2 - 1))
-    scale = SIGMA * k ** (found[:, 0] + found[:, 3])
-    return np.column_stack([found[:, 1:3] + found[:, 4:], disc * scale])
+        offset = -np.linalg.solve(hessian, gradient)
+        move = np.sign(offset[1:]) * (np.abs(offset[1:]) > 0.6)
+        if step < 2:  # a step over the border is not made
+            goal = place[1:] + move.astype(int)
+            place[1:] = np.where((goal >= 1) & (goal <= last), goal, place[1:])
+    trace, area = np.trace(hessian[1:, 1:]), np.linalg.det(hessian[1:, 1:])
+    blob = area > 0 and trace**2 / area < (edge + 1) ** 2 / edge
+    strong = value + gradient @ offset / 2 >= threshold
+    return (*place, *offset) if blob and strong and abs(offset).max() < 1 else None
 
 
 def keypoints(foreground, threshold, camera_blur=0.5, edge=10.0):
-    """Row, col and radius (n, 3) of the keypoints."""
-    image, spacing, found = foreground.astype(np.float64), 1.0, [np.empty((0, 3))]
-    image = blur(image, np.sqrt(SIGMA**2 - camera_blur**2))
+    """Row, col and radius (n, 3) of the keypoints, octave by octave."""
+    image = blur(foreground.astype(np.float64), np.sqrt(SIGMA**2 - camera_blur**2))
+    disc, spacing, found = K * np.sqrt(2 * np.log(K**2) / (K**2 - 1)), 1, []
     while min(image.shape) >= 3:
-        found.append(spacing * octave(image, threshold, edge))
-        image = blur(image, np.sqrt(3.0) * SIGMA)[::2, ::2]
-        spacing *= 2
-    return np.concatenate(found)
+        wider = [blur(image, SIGMA * np.sqrt(K ** (2 * i) - 1)) for i in range(1, 6)]
+        stack = -np.diff([image, *wider], axis=0)
+        peak = (stack > maximum_filter(stack, footprint=AROUND)) & (stack > 0)
+        peak &= stack >= threshold / 2
+        samples = np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1
+        places = {localised(stack, sample, threshold, edge) for sample in samples}
+        for i, y, x, up, down, right in sorted(places - {None}):
+            radius = disc * SIGMA * K ** (i + up)
+            found.append(spacing * np.array([y + down, x + right, radius]))
+        image, spacing = blur(image, SIGMA * np.sqrt(3))[::2, ::2], 2 * spacing
+    return np.reshape(found, (-1, 3))

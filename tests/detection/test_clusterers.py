@@ -84,7 +84,7 @@ def test_quasi_centers_are_the_definition_in_sets(seed, k):
 
 
 def test_a_long_line_of_equal_steps_is_one_cluster():
-    """Nearly all points are centres of one density; they are not compared pair by pair."""
+    """Nearly all points are centres of one density; pairs are not compared."""
     line = np.outer(np.arange(5000.0), [1, 0, 0])
     assert set(QuasiClusterCenters(20, 0.1)(line)) == {0}
 

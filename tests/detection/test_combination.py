@@ -39,7 +39,7 @@ def view(now, *groups, before=0):
 
 
 def found(frame, *spots, roi=None):
-    """Detections of given keypoints; the wall is the largest cluster of equal points."""
+    """Detections of given keypoints; the largest cluster of equal points is wall."""
     keypoints = np.array(spots, dtype=float).reshape(-1, 3)
     return Combination(lambda *_: keypoints, DBSCAN(3.0, 4), DBSCAN(1e-3, 2))(
         frame, roi

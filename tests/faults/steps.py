@@ -119,7 +119,6 @@ STEPS_AND_INPUT = {
     "calibrate_depth": (camera.calibrate_depth, {"z": MANY + 3500}, "*:deeper"),
     "calibrate_points": (partial(camera.calibrate_points, calibration=camera.EQUATION_2_4), {"captured_mm": PIPE}, ""),
     "invert_depth": (camera.invert_depth, {"true_mm": MANY[:3] + 4000}, "*:deeper"),
-    "fit_depth": (camera.fit_depth_segments, {"captured_mm": 300 * MANY + 500, "true_mm": 310 * MANY + 450}, ""),
     "from_table": (camera.DepthCalibration.from_table, {"pairs": np.array([[1000.0, 1100.0], [5000.0, 5200.0]])}, ""),
     "inside": (inside, {"polygon": np.array([[0.0, 0], [0, 9], [9, 0]]), "row": MANY, "col": MANY}, "row:deeper col:deeper"),
     "fit_cylinder": (wall.fit_cylinder, {"points_mm": PIPE}, ""),

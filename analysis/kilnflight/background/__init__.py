@@ -1,19 +1,17 @@
-r"""Background models for subtraction (thesis, section 2.2.1).
+"""Background models for subtraction (thesis, section 2.2.1).
 
-    stack of grey frames -> model(frames, indices) -> one foreground per requested frame
+    stack of grey frames -> model(frames, indices) -> a foreground per requested frame
 
-=================  ================  ============================================  =========
-model              equation          default
-source
-=================  ================  ============================================  =========
-`TwoFrame`         Eq. 2.5           3 frames before                               Table
-5.4 `ThreeFrame`       Eq. 2.6           3 frames before and after
-Table 5.4 `Mean`             sec. 2.2.1        25 frames before and 25 after
-Table 5.4 `Median`           sec. 2.2.1        75 frames before and 75 after
-Table 5.4 `Adaptive`         Eqs 2.7, 2.8      25 frames before and 25 after, alpha 0.05
-Table 5.4 `RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4
-Table 5.4
-=================  ================  ============================================  =========
+=================  =============  ========================================
+model              equation       default, Table 5.4
+=================  =============  ========================================
+`TwoFrame`         2.5            3 frames before
+`ThreeFrame`       2.6            3 frames before and after
+`Mean`             section 2.2.1  25 frames before and 25 after
+`Median`           section 2.2.1  75 frames before and 75 after
+`Adaptive`         2.7, 2.8       25 frames before and 25 after, alpha 0.05
+`RunningGaussian`  2.9, 2.10      10 frames, alpha 0.99, k 0.4
+=================  =============  ========================================
 
 The foreground is the difference of frame and background in grey values, a new float32
 array that depends on no other requested frame. It stops at zero, as that of two

@@ -108,9 +108,7 @@ class HeldFrames:
         return self._images[index]
 
     def _read(self, index: int) -> npt.NDArray[Any]:
-        """Return a frame (rows, cols) of the stack, checked, in the machine's byte
-        order.
-        """
+        """Return a frame (rows, cols), checked, in the machine's byte order."""
         image = real_numbers(self._frames[index], f"frame {index}")
         kind = image.dtype.newbyteorder("=")
         if image.ndim != 2 or not image.size or kind.str[1:] not in GRAY_TYPES:
@@ -130,7 +128,6 @@ class HeldFrames:
             )
         if kind.kind == "f":
             check_finite(image, f"frame {index}")
-        # copied only where needed: the caller may hold read-only frames, too
-        return np.array(
-            image, kind, order="C", copy=True if image.flags.writeable else None
-        )
+        if image.flags.writeable:  # its owner may change it
+            return np.array(image, kind, order="C")
+        return np.ascontiguousarray(image, kind)

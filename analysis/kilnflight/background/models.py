@@ -79,6 +79,12 @@ class TwoFrame(Subtraction):
     -----
     The first frames have no frame ``interval`` before them. They are compared with the
     frame as far after. A recording shorter than that uses its farther end.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5, 5]], [[5, 5]], [[5, 5]], [[5, 9]]])
+    >>> next(TwoFrame(interval=3)(frames, [3]))
+    array([[0., 4.]], dtype=float32)
     """
 
     interval: int = 3  # frames, Table 5.4
@@ -99,9 +105,7 @@ class TwoFrame(Subtraction):
         return (self._foreground(held, t) for t in check_indices(indices, held.length))
 
     def _foreground(self, held: HeldFrames, t: int) -> Single:
-        """Return the mean difference (rows, cols) of frame t from the frames of
-        `_sides`.
-        """
+        """Return the mean difference (rows, cols) of frame t from those beside it."""
         beside = [
             _partner(t, side * self.interval, held.length) for side in self._sides
         ]
@@ -114,10 +118,21 @@ class TwoFrame(Subtraction):
 class ThreeFrame(TwoFrame):
     """Average the differences from an earlier and a later frame (Eq. 2.6).
 
+    Parameters
+    ----------
+    interval
+        Frames from a frame to the two compared, i of Eq. 2.6.
+
     Notes
     -----
     Where there is no earlier or no later frame, the other one counts twice. A recording
     shorter than the interval uses its farther end for both.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5, 5]], [[5, 9]], [[5, 7]]])
+    >>> next(ThreeFrame(interval=1)(frames, [1]))  # 4 from before and 2 from after
+    array([[0., 3.]], dtype=float32)
     """
 
     _sides: ClassVar[tuple[int, ...]] = (-1, 1)
@@ -164,15 +179,13 @@ class WindowModel(Subtraction, ABC):
     def _prepared(
         self, frames: Frames, indices: Iterable[int]
     ) -> tuple[HeldFrames, Backgrounds]:
-        """Return the frames that are held, and each frame number with its background."""
+        """Return the frames held, and each frame number with its background."""
         held = HeldFrames(frames, self.window + self._room)
         return held, self._backgrounds(held, check_indices(indices, held.length))
 
     @abstractmethod
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
-        """Yield each frame number with its background (rows, cols), valid until the
-        next.
-        """
+        """Yield frame numbers with backgrounds (rows, cols), valid until the next."""
 
 
 @dataclass(frozen=True)
@@ -181,12 +194,23 @@ class Mean(WindowModel):
 
     Source: section 2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
 
+    Parameters
+    ----------
+    window
+        Frames around each frame (Table 5.4).
+
     Notes
     -----
     Table 5.4 counts 50 frames as 25 previous and 25 subsequent ones, so the frame
     itself is not among them. At the ends of the recording the window is shifted to stay
     inside. A recording no longer than the window gives all other frames. A single frame
     is its own background.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5, 5]], [[5, 9]], [[5, 7]]])
+    >>> next(Mean(window=2)(frames, [1]))  # 9 above the mean of 5 and 7
+    array([[0., 3.]], dtype=float32)
     """
 
     window: int = 50  # frames, Table 5.4
@@ -215,11 +239,23 @@ class Median(WindowModel):
     The mean of the two middle values for an even number of frames. Source: section
     2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
 
+    Parameters
+    ----------
+    window
+        Frames around each frame (Table 5.4).
+
     Notes
     -----
     Table 5.4 counts 150 frames as 75 previous and 75 subsequent ones, so the frame
-    itself is not among them. The ends of the recording are as in `Mean`. Up to 31
-    frames more than the window are held, because neighbours share the work.
+    itself is not among them. The ends of the recording are as in `Mean`. Up to
+    `MEDIAN_CHUNK` frames more than the window are held, because neighbours share the
+    work.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5]], [[5]], [[90]], [[6]], [[7]]])
+    >>> next(Median(window=4)(frames, [2]))  # 90 above the median of 5, 5, 6 and 7
+    array([[84.5]], dtype=float32)
     """
 
     window: int = 150  # frames, Table 5.4
@@ -248,6 +284,12 @@ class Adaptive(WindowModel):
     itself. Thus B_t depends only on frames around t. At the ends of the recording the
     mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
     earliest.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5.0]], [[9.0]], [[5.0]]])
+    >>> next(Adaptive(window=2, learning_rate=0.5).backgrounds(frames, [1]))
+    array([[7.]], dtype=float32)
     """
 
     window: int = 50  # frames, Table 5.4
@@ -300,6 +342,12 @@ class RunningGaussian(Subtraction):
     deviations. Near the start of a recording there are fewer, and frame 0 has no
     foreground. Section 5.1.2 subtracts this background too, so the selected pixels keep
     their difference.
+
+    Examples
+    --------
+    >>> frames = np.float32([[[5, 5]], [[5, 5]], [[5, 15]]])
+    >>> next(RunningGaussian()(frames, [2])).round(1)  # 1 % of the step is learned
+    array([[0. , 9.9]], dtype=float32)
     """
 
     window: int = 10  # frames, Table 5.4
@@ -320,9 +368,7 @@ class RunningGaussian(Subtraction):
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
-        """Yield the running average (rows, cols) of each requested frame, as in Fig.
-        5.2.
-        """
+        """Yield the running average (rows, cols) of each requested frame (Fig. 5.2)."""
         return (mean for mean, _ in self._averaged(frames, indices))
 
     def _averaged(
@@ -353,11 +399,14 @@ class Surroundings:
     """Subtract each frame's own blur, for particles that rest; not in the thesis.
 
     Positive differences stay, as with `Median`.
+
+    Parameters
+    ----------
+    width_px
+        Standard deviation of the Gaussian in px; wider things are background.
     """
 
-    width_px: float = (
-        20.0  # standard deviation of the Gaussian; wider things are background
-    )
+    width_px: float = 20.0
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32."""

@@ -5,12 +5,12 @@ and the windows are separated by halving. Each half of the windows shares more f
 which are merged in as sorted runs (Batcher's odd-even merge). A rank that cannot become
 a middle rank of any window is dropped, with every comparison that only served it. The
 program of minima and maxima is the same for every pixel; compiled code runs it tile by
-tile.
+tile. `numpy.median` selects from every window anew and takes 386 times as long
+(benchmarks.csv).
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -23,21 +23,20 @@ from numba import njit
 
 from kilnflight.background.frames import HeldFrames, surrounding
 
-Backgrounds = Iterator[
-    tuple[int, npt.NDArray[Any]]
-]  # frame numbers and images (rows, cols)
-# frames; 52 comparisons a pixel and window, 67 for chunks of 32; the slots of 96 exceed
-# the cache
+# Frame numbers and images (rows, cols).
+Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]
+# Frames. A pixel and window takes 52 comparisons, 67 with chunks of 32; the slots of 96
+# exceed the cache.
 MEDIAN_CHUNK = 64
 _BAND = 65_536  # pixels of all frames that are copied side by side
-_TILE = (
-    1024  # pixels; some 270 slots of 16 bit fill a second-level cache; 512 took longer
-)
+# Pixels. Some 270 slots of 16 bits fill a second-level cache; 512 px took longer.
+_TILE = 1024
 _LINE = 64  # bytes; values that begin at multiples are read and written twice as fast
 _LOAD, _COMPARE, _EMIT = range(3)
-# Numbers of two values and of their minimum and maximum; `_UNUSED` if that is not read.
-_Step = tuple[int, int, int, int]
-_UNUSED = -1  # in a program, the last row of the scratch memory
+_UNUSED = -1  # number of a result that is not read; in a program the last scratch row
+_Comparison = tuple[int, int, int, int]  # two values, their minimum and their maximum
+# Head of a row, values that are read, and values that are written.
+_Step = tuple[list[int], Sequence[int], Sequence[int]]
 
 
 @dataclass
@@ -52,13 +51,11 @@ class _Network:
     size: int  # frames per window
     ranks: tuple[int, ...]  # of a window that are wanted, ascending from 0
     inputs: int  # frames of the chunk
-    steps: list[_Step] = field(default_factory=list)  # comparisons, in order
-    runs: dict[range, list[int]] = field(
-        default_factory=dict
-    )  # frames -> their sorted values
-    outputs: dict[int, list[int]] = field(
-        default_factory=dict
-    )  # window's first frame -> `ranks`
+    steps: list[_Comparison] = field(default_factory=list)
+    # sorted values of consecutive frames
+    runs: dict[range, list[int]] = field(default_factory=dict)
+    # values at `ranks`, by the window's first frame
+    outputs: dict[int, list[int]] = field(default_factory=dict)
 
     def compare(self, a: int, b: int) -> list[int]:
         """Add a comparison; return the numbers of its minimum and its maximum."""
@@ -86,9 +83,8 @@ class _Network:
             return list(frames)
         if frames not in self.runs:
             half = len(frames) // 2
-            self.runs[frames] = self.merge(
-                self.run(frames[:half]), self.run(frames[half:])
-            )
+            early = self.run(frames[:half])
+            self.runs[frames] = self.merge(early, self.run(frames[half:]))
         return self.runs[frames]
 
     def select(
@@ -98,63 +94,44 @@ class _Network:
 
         All of them contain the frames ``known``. ``values`` are the sorted values of
         these frames, from rank ``base`` on: only ranks that may become a middle rank of
-        some window.
+        some window. The other frames of a window can only raise the rank of a value.
         """
+        shared = range(starts[-1], max(starts[0] + self.size, starts[-1]))
+        before = self.run(range(shared.start, min(known.start, shared.stop)))
+        after = self.run(range(known.stop, shared.stop))
+        grown = self.merge(values, self.merge(before, after))
+        first = max(self.ranks[0] - self.size + len(shared), 0)
+        last = min(self.ranks[-1], len(shared) - 1)
+        kept = grown[first - base : last + 1 - base]
         if len(starts) == 1:
-            self.outputs[starts[0]] = [values[rank - base] for rank in self.ranks]
+            self.outputs[starts[0]] = [kept[rank - first] for rank in self.ranks]
             return
         half = len(starts) // 2
-        for part in (starts[:half], starts[half:]):
-            shared = range(part[-1], max(part[0] + self.size, part[-1]))
-            left = (
-                range(shared.start, min(known.start, shared.stop)) if known else shared
-            )
-            right = range(known.stop, shared.stop) if known else range(0)
-            grown = self.merge(values, self.merge(self.run(left), self.run(right)))
-            self.select(part, *self.kept(grown, base, shared), shared)
+        self.select(starts[:half], kept, first, shared)
+        self.select(starts[half:], kept, first, shared)
 
-    def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
-        """Return the values that can become a middle rank, and the rank of the first.
-
-        ``values`` are the sorted ones of the frames ``known``, from rank ``base`` on.
-        The other frames of a window can only raise the rank of a value.
-        """
-        first = max(self.ranks[0] - self.size + len(known), 0)
-        last = min(self.ranks[-1], len(known) - 1)
-        return values[first - base : last + 1 - base], first
-
-    def needed(self) -> list[_Step]:
-        """Return the comparisons that outputs need, results without use as `_UNUSED`."""
-        used = {value for output in self.outputs.values() for value in output}
+    def needed(self) -> list[_Comparison]:
+        """Return the comparisons that outputs need; unread results are `_UNUSED`."""
+        used = set(chain(*self.outputs.values()))
         steps = []
         for a, b, low, high in reversed(self.steps):
             if low in used or high in used:
+                low, high = (v if v in used else _UNUSED for v in (low, high))
+                steps.append((a, b, low, high))
                 used |= {a, b}
-                steps.append(
-                    (
-                        a,
-                        b,
-                        low if low in used else _UNUSED,
-                        high if high in used else _UNUSED,
-                    )
-                )
         return steps[::-1]
 
 
 @lru_cache  # most chunks share a program, which takes 30 ms
-def _program(
-    size: int, ranks: tuple[int, ...], starts: tuple[int, ...]
-) -> npt.NDArray[np.uint64]:
-    """Return the program (n, 6) that emits four ranks of every window.
+def _program(size: int, starts: tuple[int, ...]) -> npt.NDArray[np.uint64]:
+    """Return the program (n, 6) that emits the four ranks of every window.
 
-    Each row is a step.
+    Each row is a step; the ranks are those that `_middle` reads.
 
     Parameters
     ----------
     size
         Frames per window.
-    ranks
-        The four ranks, ascending, counted from 0; they may repeat.
     starts
         First frame of each output's window, counted from the first frame of the chunk.
         Windows may be in any order and repeat.
@@ -164,44 +141,56 @@ def _program(
     A slot is a row of scratch memory. Columns by kind of step: `_LOAD`, frame, slot;
     `_COMPARE`, two slots, slot of the minimum, slot of the maximum; `_EMIT`, output,
     slots of the ranks. What is not read, and what fills a row, is the largest number.
-    To use few slots, frames are loaded late, outputs emitted early, and slots used
-    again. A step never writes a slot that it reads.
     """
+    low = (size - 2) // 2
+    high = (size - 1) // 2
     distinct = sorted(set(starts))
-    network = _Network(size, ranks, distinct[-1] + size)
-    shared = range(distinct[-1], max(distinct[0] + size, distinct[-1]))
-    network.select(distinct, *network.kept(network.run(shared), 0, shared), shared)
-    steps = network.needed()
+    frames = distinct[-1] + size
+    network = _Network(size, (low, low + 1, high, high + 1), frames)
+    network.select(distinct, [], 0, range(frames, frames))
     outputs = [network.outputs[start] for start in starts]
-    step_of = {value: number for number, step in enumerate(steps) for value in step[2:]}
-    ready = [max(step_of[value] for value in values) for values in outputs]
-    uses = Counter(chain(*(step[:2] for step in steps), *outputs))
-    slots = {_UNUSED: _UNUSED}
-    free = list(range(len(uses)))[::-1]
-    table: list[list[int]] = []
-
-    def take(value: int) -> int:
-        if value not in slots:
-            slots[value] = free.pop()
-        return slots[value]
-
-    def release(values: Sequence[int]) -> None:
-        uses.subtract(values)
-        free.extend(
-            slots.pop(value) for value in dict.fromkeys(values) if not uses[value]
-        )
-
-    for number, (a, b, low, high) in enumerate(steps):
-        table += [[_LOAD, value, take(value)] for value in (a, b) if value not in slots]
-        # Results get their slots before the operands lose theirs: no step is in place.
-        table.append([_COMPARE, slots[a], slots[b], take(low), take(high)])
-        release((a, b))
-        for output, values in enumerate(outputs):
-            if number == ready[output]:
-                table.append([_EMIT, output, *(slots[value] for value in values)])
-                release(values)
+    table = _allocated([*_scheduled(network.needed(), outputs)])
     program = np.array([row + [_UNUSED] * (6 - len(row)) for row in table])
     return np.where(program < 0, program.max() + 1, program).astype(np.uint64)
+
+
+def _scheduled(
+    comparisons: list[_Comparison], outputs: list[list[int]]
+) -> Iterator[_Step]:
+    """Yield comparisons and ``outputs``, which are lists of values, in order.
+
+    Outputs come as early as they can.
+    """
+    numbered = enumerate(comparisons)
+    made = {value: number for number, step in numbered for value in step[2:]}
+    ready = [max(made[value] for value in values) for values in outputs]
+    for number, step in enumerate(comparisons):
+        yield [_COMPARE], step[:2], step[2:]
+        for output, values in enumerate(outputs):
+            if number == ready[output]:
+                yield [_EMIT, output], values, ()
+
+
+def _allocated(steps: list[_Step]) -> list[list[int]]:
+    """Return rows with a slot for each value, frames loaded before their first use.
+
+    Slots are used again after the last read. Results get theirs before the operands
+    lose theirs: no step is in place.
+    """
+    last = {value: number for number, step in enumerate(steps) for value in step[1]}
+    slots = {_UNUSED: _UNUSED}
+    free = list(range(len(last)))[::-1]
+    table = []
+    for number, (head, read, written) in enumerate(steps):
+        for value in (*read, *written):
+            if value not in slots:
+                slots[value] = free.pop()
+                if value in read:
+                    table.append([_LOAD, value, slots[value]])
+        table.append([*head, *(slots[value] for value in (*read, *written))])
+        done = [value for value in dict.fromkeys(read) if last[value] == number]
+        free += [slots.pop(value) for value in done]
+    return table
 
 
 @njit(cache=True)
@@ -238,13 +227,9 @@ def _execute(
                 for p in range(count):
                     scratch[b, p] = pixels[a, first + p]
             else:
+                frame = pixels[frames[a], first : first + count]
                 target = out[a, start + first : start + first + count]
-                _middle(
-                    scratch,
-                    (b, c, d, e),
-                    pixels[frames[a], first : first + count],
-                    target,
-                )
+                _middle(scratch, (b, c, d, e), frame, target)
 
 
 @njit(cache=True)
@@ -299,23 +284,16 @@ def window_medians(
         needed = range(first, max(around.stop for around in windows))
         held.fetch(needed)
         if not out.size:
-            out = np.empty(
-                (min(MEDIAN_CHUNK, len(indices)), held[first].size), held.precise
-            )
-        frames = (np.array(chunk) - first).astype(np.uint64)
-        others = len(windows[0]) - 1
-        if others:
-            low = (others - 1) // 2
-            high = others // 2
-            ranks = (low, low + 1, high, high + 1)
-            table = _program(others + 1, ranks, tuple(w.start - first for w in windows))
-            memory = np.zeros((int(table.max()) + 1) * _TILE + _LINE, held.kind)
-            memory = memory[-memory.ctypes.data % _LINE // memory.itemsize :]
-            scratch = memory[: len(memory) // _TILE * _TILE].reshape(-1, _TILE)
+            shape = min(MEDIAN_CHUNK, len(indices)), held[first].size
+            out = np.empty(shape, held.precise)
+        if len(windows[0]) > 1:
+            starts = tuple(around.start - first for around in windows)
+            frames = (np.array(chunk) - first).astype(np.uint64)
+            table = _program(len(windows[0]), starts)
+            scratch = _scratch(int(table.max()) + 1, held.kind)
             for start in range(0, out.shape[1], _BAND):
-                band = np.stack(
-                    [held[t].ravel()[start : start + _BAND] for t in needed]
-                )
+                pixels = slice(start, start + _BAND)
+                band = np.stack([held[t].ravel()[pixels] for t in needed])
                 _execute(table, scratch, band, frames, out, np.uint64(start))
         else:
             out[: len(chunk)] = [held[t].ravel() for t in chunk]
@@ -323,12 +301,19 @@ def window_medians(
             yield index, background.reshape(held.shape)
 
 
+def _scratch(rows: int, kind: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Return scratch memory (rows, `_TILE`) that begins at a multiple of `_LINE`."""
+    memory = np.zeros(rows * _TILE + _LINE, kind)
+    start = -memory.ctypes.data % _LINE // memory.itemsize
+    return memory[start : start + rows * _TILE].reshape(rows, _TILE)
+
+
 def stack_median(frames: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     """Return the median (rows, cols) of frames, each (rows, cols) of one type.
 
     It is ten times as fast as `numpy.median`.
     """
-    # the median around a frame in front of them, which does not count
+    # It is the median around a frame in front of them, which does not count.
     held = HeldFrames([frames[0], *frames], len(frames) + 1)
     _, middle = next(window_medians(held, [0], len(frames)))
     return middle

@@ -1,26 +1,24 @@
-r"""Detectors: from a foreground or a point cloud to particles.
+"""Detectors: from a foreground or a point cloud to particles.
 
 Sections 2.2.2 to 2.2.6 of the thesis.
 
     (rows, cols) foreground -> detector -> (n, 3) row, col, radius in px
     (n, 3) points in mm, calibrated -> clusterer -> (n,) labels: 0, 1, ...; noise -1
 
-=========================  ============  ==========================  =====================
-detector                   equation      default                     source
-=========================  ============  ==========================  =====================
-`Otsu`                     2.11 to 2.20  none; particles from 5 px   sec. 2.2.2, Table
-5.5 `DoG`                      2.21 to 2.28  local maximum of DoG 500    sec. 2.2.3,
-5.1.2
-=========================  ============  ==========================  =====================
+=====================  ============  ========================  =================
+detector               equation      default                   source
+=====================  ============  ========================  =================
+`Otsu`                 2.11 to 2.20  particles from 5 px       2.2.2, Table 5.5
+`DoG`                  2.21 to 2.28  local maximum of DoG 500  2.2.3, 5.1.2
+=====================  ============  ========================  =================
 
-=========================  ============  ==========================  =====================
-clusterer                  equation      default                     source
-=========================  ============  ==========================  =====================
-`DBSCAN`                   none          eps 50 mm, min_points 10    sec. 2.2.4, Table
-5.8 `MorphologicalClustering`  2.31 to 2.36  grid 150                    sec. 2.2.5,
-Table 5.9 `QuasiClusterCenters`      2.37 to 2.41  k 35, alpha 0.1             sec.
-2.2.6, Table 5.10
-=========================  ============  ==========================  =====================
+=========================  ============  =====================  =================
+clusterer                  equation      default                source
+=========================  ============  =====================  =================
+`DBSCAN`                   none          50 mm, 10 points       2.2.4, Table 5.8
+`MorphologicalClustering`  2.31 to 2.36  grid 150               2.2.5, Table 5.9
+`QuasiClusterCenters`      2.37 to 2.41  k 35, alpha 0.1        2.2.6, Table 5.10
+=========================  ============  =====================  =================
 
 Defaults are the best F1 of the tables, recomputed from their counts; the threshold of
 DoG is the thesis's and belongs to its exposure. Clusters are numbered in the order of

@@ -6,15 +6,17 @@ disc, and the area of a cluster the rectangle around its pixels. Those that shar
 pixel of the image are one potential particle. Their numbers decide its case, and each
 case uses the grey values differently.
 
-=====  =========  ========  ===========================================================
+=====  =========  ========  ======================================================
 case   keypoints  clusters  decision
-=====  =========  ========  ===========================================================
-1      1          1         a particle 2      several    1         as many as grey-value
-peaks in the cluster's rectangle 3      1          several   as many as peaks in the
-rectangle where disc and clusters overlap 4      none       1         if a peak or
-trough is there and in the frame difference 5      1          none      the same in the
-disc's rectangle
-=====  =========  ========  ===========================================================
+=====  =========  ========  ======================================================
+1      1          1         a particle
+2      several    1         as many as grey-value peaks in the cluster's rectangle
+3      1          several   as many as peaks in the rectangle around the overlap of
+                            disc and clusters
+4      none       1         a particle if a peak or trough is in the rectangle, and
+                            a peak in the frame difference
+5      1          none      the same in the disc's rectangle
+=====  =========  ========  ======================================================
 
 Several keypoints with several clusters are not in the thesis; they are decided as case
 2.
@@ -39,9 +41,10 @@ from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.detection.region import inside
 from kilnflight.tables import DETECTIONS
 
-MARGIN_PX = (
-    3  # widens every area, so that its border shows what surrounds the particle; ours
-)
+# Every area is widened, so that its border shows what surrounds the particle; ours.
+MARGIN_PX = 3
+WALL_PASS = DBSCAN(eps=50.0, min_points=10)  # mm, points; section 5.1.3
+PARTICLE_PASS = DBSCAN(eps=15.0, min_points=10)  # mm, points; section 5.1.3
 # A wider or higher cluster is a remainder of the wall, a larger keypoint one of its
 # flicker; both are left out. Twice the 45 px that section 3.3 derives from the radii,
 # nearly all of which are below 15 px (Fig. 3.12). The thesis names no limit.
@@ -50,7 +53,7 @@ SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
 # By how many keypoints and clusters share pixels, 2 for several. The last is not in the
 # thesis.
 _CASES = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
-_COLUMNS = ("row", "col", "radius_px", "x", "y", "z", "points", "case")
+_COLUMNS = ["row", "col", "radius_px", "x", "y", "z", "points", "case"]
 
 
 class Clusters(NamedTuple):
@@ -77,7 +80,11 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     # rows are taken: indexing narrow rows is several times slower
     rows = np.take(pixels, order, axis=0)
     places = np.take(xyz, order, axis=0)
-    return Clusters(rows.astype(np.intp), places.astype(np.float64, copy=False), start)
+    return Clusters(
+        pixels=rows.astype(np.intp),
+        xyz=places.astype(np.float64, copy=False),
+        start=start,
+    )
 
 
 def rectangles(clusters: Clusters) -> Index:
@@ -85,18 +92,15 @@ def rectangles(clusters: Clusters) -> Index:
 
     Columns are first row, row after the last, first column, column after the last.
     """
-    pixels = clusters.pixels
     start = clusters.start[:-1]
-    low = np.minimum.reduceat(pixels, start)
-    high = np.maximum.reduceat(pixels, start)
-    return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
+    first = np.minimum.reduceat(clusters.pixels, start)
+    last = np.maximum.reduceat(clusters.pixels, start)
+    return np.stack([first, last + 1], axis=2).reshape(-1, 4)
 
 
 def centers(clusters: Clusters) -> Array:
     """Return the mean row and column of each cluster's points, (clusters, 2) in px."""
-    sums = np.add.reduceat(
-        clusters.pixels.astype(np.float64), clusters.start[:-1], axis=0
-    )
+    sums = np.add.reduceat(clusters.pixels, clusters.start[:-1], axis=0)
     return np.asarray(sums / np.diff(clusters.start)[:, None])
 
 
@@ -107,13 +111,14 @@ def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Cluster
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
     point = np.repeat(first - start[:-1], sizes) + np.arange(start[-1])
     return Clusters(
-        clusters.pixels.take(point, axis=0), clusters.xyz.take(point, axis=0), start
+        pixels=clusters.pixels.take(point, axis=0),
+        xyz=clusters.xyz.take(point, axis=0),
+        start=start,
     )
 
 
 def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index]:
-    """Return the areas (n, 4) of clusters in px, as `rectangles`, and the cluster (n,)
-    of each.
+    """Return areas (n, 4) of clusters in px, and the cluster (n,) of each.
 
     ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1.
     False: its pixels, which do not fill it.
@@ -148,20 +153,17 @@ def potential_particles(
     if not spots + groups:
         return
     areas, owner = areas_of(clusters, rectangular)
-    spot, area = np.nonzero(
-        _touching(np.array(keypoints, order="C"), areas, SMALLEST_DISC_PX)
-    )
-    links = coo_array(
-        (np.ones(len(spot)), (spot, spots + owner[area])), 2 * (spots + groups,)
-    )
-    _, part = connected_components(links, directed=False)
+    discs = np.ascontiguousarray(keypoints)
+    spot, area = np.nonzero(_touching(discs, areas, SMALLEST_DISC_PX))
+    links = np.ones(len(spot)), (spot, spots + owner[area])
+    graph = coo_array(links, shape=(spots + groups, spots + groups))
+    _, part = connected_components(graph, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
     sizes = np.bincount(part)
     later = np.bincount(part[spots:], minlength=part.max() + 1)
     last = np.cumsum(sizes)
-    for first, middle, end in np.stack(
-        [last - sizes, last - later, last], axis=1
-    ).tolist():
+    bounds = np.stack([last - sizes, last - later, last], axis=1)
+    for first, middle, end in bounds.tolist():
         case = _CASES[min(middle - first, 2), min(end - middle, 2)]
         yield case, order[first:middle], order[middle:end] - spots
 
@@ -208,7 +210,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     means = gray[tuple(nearest.T)].astype(np.float64)
     for first in range(0, len(discs), 1000):  # 20 MB at a time for discs of 15 px
         part = discs[first : first + 1000]
-        disc, row, col = disc_pixels(np.array(part, order="C"), 0.0, gray.shape)
+        disc, row, col = disc_pixels(np.ascontiguousarray(part), 0.0, gray.shape)
         count = np.bincount(disc, minlength=len(part))
         sums = np.bincount(disc, gray[row, col], minlength=len(part))
         np.divide(sums, count, out=means[first : first + 1000], where=count > 0)
@@ -224,7 +226,7 @@ class View(NamedTuple):
     pixels: Integers  # (n, 2) row and col of the points, without the flame
     xyz: Array  # (n, 3) mm, depth after Eq. 2.4
     smooth: Callable[[Integers], Single] = smoothed  # or a `peaks.Smoother`
-    number: int = 0  # of the frame in its recording
+    number: int = 0  # that of the frame in its recording
 
 
 @dataclass(frozen=True)
@@ -253,15 +255,25 @@ class Combination:
         it.
     largest_px
         Diameter of the largest keypoint, in px; larger ones are left out.
+
+    Examples
+    --------
+    A bright square of 7 x 7 pixels appears, 6 m away in front of a wall. Its keypoint
+    and its cluster are one particle, case 1.
+
+    >>> gray = np.full((60, 80), 500, np.uint16)
+    >>> gray[20:27, 30:37] = 9000
+    >>> pixels = np.argwhere(gray)
+    >>> depth = np.where(gray.ravel() > 500, 6000.0, 9000.0)
+    >>> view = View(gray, 0 * gray, gray - 500.0, pixels, np.c_[5.0 * pixels, depth])
+    >>> found = Combination()(view)
+    >>> found[["row", "col", "z", "points", "case"]].round().to_numpy().tolist()
+    [[23.0, 33.0, 6000.0, 49.0, 1.0]]
     """
 
     detector: Detector2D = field(default_factory=DoG)
-    clusterer: Clusterer = field(
-        default_factory=lambda: DBSCAN(eps=15.0, min_points=10)
-    )  # 5.1.3
-    wall: Clusterer = field(
-        default_factory=lambda: DBSCAN(eps=50.0, min_points=10)
-    )  # 5.1.3
+    clusterer: Clusterer = PARTICLE_PASS
+    wall: Clusterer = WALL_PASS
     prominence: float = 5.0
     share: float = 0.1
     rectangular: bool = True
@@ -291,10 +303,9 @@ class Combination:
         DataFrame
             `kilnflight.tables.DETECTIONS`.
         """
+        keypoints = self.detector(view.foreground, roi)
         labels = second_pass(view.xyz, self.wall, self.clusterer)
-        return self.decide(
-            view, self.detector(view.foreground, roi), labels, roi, frame
-        )
+        return self.decide(view, keypoints, labels, roi, frame)
 
     def decide(
         self,
@@ -353,10 +364,10 @@ class Combination:
 
 @dataclass(frozen=True)
 class Planar:
-    """Find particles in pictures alone, for recordings without depth (sections 2.2.2,
-    2.2.3).
+    """Find particles in pictures alone, for recordings without depth.
 
-    No frame difference is asked for, so particles that rest are found, too.
+    Sections 2.2.2 and 2.2.3 of the thesis. No frame difference is needed, so particles
+    that rest are found, too.
 
     Parameters
     ----------
@@ -379,44 +390,43 @@ class Planar:
         ``roi`` are corners (row, col) of a polygon in px; particles outside are left
         out.
         """
-        if isinstance(self.detector, DoG):  # which may find one spot in two octaves
-            spots = self.detector.graded(view.foreground, roi)
-            size = self.size_px
-            if size:
-                spots = spots[np.abs(np.log(spots[:, 2] / (size / 2))) < np.log(2)]
-            spots = _strongest(spots, (size or 2.0) / 2)
-        else:
-            spots = self.detector(view.foreground, roi)
+        spots = self._discs(view.foreground, roi)
         if roi is not None:
             spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
         unknown = np.full((len(spots), 3), np.nan)
         none = np.zeros((len(spots), 2))
         return _table(np.column_stack([spots, unknown, none]), view.gray, frame)
 
+    def _discs(self, foreground: Single, roi: Polygon | None) -> Array:
+        """Return row, column and radius (n, 3) in px of the particles' discs."""
+        if isinstance(self.detector, Otsu):
+            return self.detector(foreground)
+        spots = self.detector.graded(foreground, roi)
+        if not self.size_px:
+            return _strongest(spots, apart=1.0)  # DoG may find one spot in two octaves
+        radius = self.size_px / 2
+        similar = np.abs(np.log(spots[:, 2] / radius)) < np.log(2)
+        return _strongest(spots[similar], apart=radius)
+
 
 def _strongest(graded: Array, apart: float) -> Array:
-    """Return row, col and radius (k, 3) of the spots (n, 4) without a stronger one near
-    by.
+    """Return row, col and radius (k, 3) of spots (n, 4) without a stronger one near by.
 
     The last column of ``graded`` is the strength; near is below ``apart`` px.
     """
     spots = graded[np.argsort(-graded[:, 3], kind="stable")]
     kept = np.ones(len(spots), dtype=np.bool_)
-    for i, k in sorted(KDTree(spots[:, :2]).query_pairs(apart)) if len(spots) else ():
+    for i, k in sorted(KDTree(spots[:, :2]).query_pairs(apart)):
         kept[k] &= not kept[i]
     return spots[kept, :3]
 
 
 def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
     """Return `DETECTIONS` of one frame from rows (n, 8) of `_COLUMNS`."""
-    columns = dict(zip(_COLUMNS, values.T, strict=True))
-    columns |= {
-        "frame": np.full(len(values), frame),
-        "gray": mean_gray(gray, values[:, :3]),
-    }
-    return pd.DataFrame(
-        {name: columns[name].astype(kind) for name, kind in DETECTIONS.dtypes.items()}
-    )
+    table = pd.DataFrame(values, columns=_COLUMNS)
+    table["frame"] = frame
+    table["gray"] = mean_gray(gray, values[:, :3])
+    return table[DETECTIONS.names].astype(DETECTIONS.dtypes)
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
@@ -459,36 +469,48 @@ def decide_case(
     rectangular
         As in `potential_particles`; case 3 looks where disc and areas overlap.
     """
-    pixels = clusters.pixels
-    xyz = clusters.xyz
     if case == 1:
-        return _particle(spots[0], xyz, case)
-    if case == 4:
-        real = evidence.real(widened(around(pixels)))
-        return _particle(_middle(pixels), xyz, case)[: int(real)]
+        return _particle(spots[0], clusters.xyz, case)
+    spot = _middle(clusters.pixels) if case in (2, 4) else spots[0]
+    area = widened(_searched(case, spots, clusters, evidence.gray.shape, rectangular))
+    if case in (4, 5):
+        particle = _particle(spot, clusters.xyz, case)
+        return particle if evidence.real(area) else particle[:0]
+    peaks = evidence.peaks(area)
+    if len(peaks) < 2:
+        return _particle(spot, clusters.xyz, case)
+    return _divided(case, peaks, spots[:, 2].min(), clusters)
+
+
+def _searched(
+    case: int, spots: Array, clusters: Clusters, shape: Any, rectangular: bool
+) -> Index:
+    """Return the rectangle (4,) in which a case looks at grey values.
+
+    ``shape`` is that of the image; the others are those of `decide_case`.
+    """
+    if case == 3:
+        return overlap(spots[0], areas_of(clusters, rectangular)[0], shape)
     if case == 5:
         row, col, radius = spots[0]
-        sides = np.array(
-            [row - radius, row + radius + 1, col - radius, col + radius + 1]
-        )
-        real = evidence.real(widened(np.round(sides).astype(np.intp)))
-        return _particle(spots[0], xyz, case)[: int(real)]
-    area = around(pixels)
-    if case == 3:
-        area = overlap(
-            spots[0], areas_of(clusters, rectangular)[0], evidence.gray.shape
-        )
-    peaks = evidence.peaks(widened(area))
-    if len(peaks) < 2:
-        return _particle(_middle(pixels) if case == 2 else spots[0], xyz, case)
-    # Each peak is a particle of the points nearest to it.
-    owner = np.argmin(((pixels[:, None] - peaks[:, :2]) ** 2).sum(axis=2), axis=1)
-    smallest = spots[:, 2].min()
+        sides = [row - radius, row + radius + 1, col - radius, col + radius + 1]
+        return np.round(sides).astype(np.intp)
+    return around(clusters.pixels)
+
+
+def _divided(case: int, peaks: Array, smallest: float, clusters: Clusters) -> Array:
+    """Return a particle of the nearest points for each peak, (peaks, 8).
+
+    ``peaks`` (k, 3) begin with row and column in px; ``smallest`` is the least radius
+    in px. Columns are those of `decide_case`.
+    """
+    apart = clusters.pixels[:, None] - peaks[:, :2]
+    owner = np.argmin((apart**2).sum(axis=2), axis=1)
     particles = []
     for number, (row, col, _) in enumerate(peaks):
         mine = owner == number
         radius = max(np.sqrt(mine.sum() / np.pi), smallest)
-        particles.append(_particle((row, col, radius), xyz[mine], case))
+        particles.append(_particle((row, col, radius), clusters.xyz[mine], case))
     return np.concatenate(particles)
 
 
@@ -503,16 +525,14 @@ def _particle(spot: Sequence[float], xyz: Array, case: int) -> Array:
 
 
 def _middle(pixels: Index) -> tuple[float, float, float]:
-    """Return mean row, mean column of n pixels (n, 2), and radius of a disc as large."""
+    """Return mean row and column of pixels (n, 2), and radius of a disc as large."""
     row, col = pixels.mean(axis=0)
     return row, col, np.sqrt(len(pixels) / np.pi)
 
 
 def around(pixels: Index) -> Index:
     """Return first row, end row, first col and end col (4,) of pixels (n, 2)."""
-    low = pixels.min(axis=0)
-    high = pixels.max(axis=0) + 1
-    return np.array([low[0], high[0], low[1], high[1]])
+    return np.stack([pixels.min(axis=0), pixels.max(axis=0) + 1], axis=1).ravel()
 
 
 def no_larger(keypoints: Array, largest_px: float = LARGEST_PX) -> Array:
@@ -521,7 +541,7 @@ def no_larger(keypoints: Array, largest_px: float = LARGEST_PX) -> Array:
 
 
 def widened(areas: Index) -> Index:
-    """Return rectangles (..., 4) of `rectangles` with `MARGIN_PX` more on every side."""
+    """Return rectangles (..., 4) in px with `MARGIN_PX` more on every side."""
     return areas + MARGIN_PX * np.array([-1, 1, -1, 1])
 
 

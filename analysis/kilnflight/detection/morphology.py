@@ -11,8 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from kilnflight.arrays import Index
-from kilnflight.checks import check_number
-from kilnflight.detection.dbscan import check_points_mm
+from kilnflight.checks import check_finite, check_number
 
 # Cells up to so many steps apart share a cluster: both are dilated by one, and may
 # touch.
@@ -49,6 +48,14 @@ class MorphologicalClustering:
 
     For the combined method, section 5.1.3 removes the wall with R = 100 and takes R =
     400 for the rest. Sources: section 2.2.5 and Table 5.9, thesis.
+
+    Examples
+    --------
+    The grid has 9 steps of 1 mm, and cells up to three steps apart belong together.
+
+    >>> line = [[0, 0, 0], [3, 0, 0], [9, 0, 0]]
+    >>> MorphologicalClustering(grid=9)(line).tolist()
+    [0, 0, 1]
     """
 
     grid: int = 150  # steps, best F1 of Table 5.9
@@ -68,15 +75,13 @@ class MorphologicalClustering:
         InputError
             If the points are not (n, 3) finite numbers.
         """
-        cloud = check_points_mm(points, "MorphologicalClustering: points")
+        cloud = check_finite(points, "MorphologicalClustering: points", (None, 3))
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
-        # each axis for itself: along narrow rows numpy is slow
-        low, high = (
-            np.array([edge(axis) for axis in cloud.T]) for edge in (np.min, np.max)
-        )
+        shifted = cloud - cloud.min(axis=0)
+        extent = shifted.max(axis=0)
         stretched = self.grid * (
-            (cloud - low) / np.where(high > low, high - low, 1.0)
+            shifted / np.where(extent > 0, extent, 1.0)
         )  # Eq. 2.32
         # As many cells stay empty after each row and layer, so that no step leads into
         # the next.
@@ -96,9 +101,7 @@ def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
     between them is wider than `_TOUCH`.
     """
     around = np.arange(-_TOUCH, _TOUCH + 1)
-    steps = (
-        np.add.outer(around * side, around).ravel() * side
-    )  # to the rows within reach
+    steps = np.add.outer(around * side, around).ravel() * side  # to the rows in reach
     cells = np.arange(len(keys))
     pairs = []
     for step in steps[steps >= 0]:
@@ -107,5 +110,6 @@ def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
         near = first <= last
         pairs += [np.stack((cells[near], ends[near])) for ends in (first, last)]
     links = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(links.shape[1], bool), links), shape=2 * (len(keys),))
+    same = np.ones(links.shape[1], bool)
+    graph = coo_array((same, links), shape=(len(keys), len(keys)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)

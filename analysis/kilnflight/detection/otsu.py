@@ -15,9 +15,8 @@ from kilnflight.checks import InputError, check_number, check_shape, real_number
 
 _LARGEST = 1e9  # far beyond any grey value, and safe in float32
 _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
-SMALLEST_PX = (
-    5  # a pixel and its four neighbours, the smallest region with an inside; ours
-)
+# px: a pixel and its four neighbours, the smallest region with an inside; ours
+SMALLEST_PX = 5
 
 
 def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
@@ -33,15 +32,15 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     """
     image = real_numbers(foreground, f"{where}: foreground (rows, cols)")
     check_shape(image, (None, None), f"{where}: foreground (rows, cols)")
-    # numba reads neither foreign byte orders nor half floats
-    half = image.dtype == np.float16
-    image = image.astype(
-        np.float32 if half else image.dtype.newbyteorder("="), copy=False
-    )
-    least, most = (
-        (image.min(), image.max()) if image.size else (0, 0)
-    )  # NaN if a value is
-    if image.dtype.kind == "f" and not -_LARGEST < least <= most < _LARGEST:
+    # numba reads neither half floats nor foreign byte orders
+    if image.dtype == np.float16:
+        image = image.astype(np.float32)
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
+    least = image.min(initial=0)  # NaN if a value is
+    if (
+        image.dtype.kind == "f"
+        and not -_LARGEST < least <= image.max(initial=0) < _LARGEST
+    ):
         row, col = np.argwhere(~(np.abs(image) < _LARGEST))[0].tolist()
         raise InputError(
             f"{where}: the foreground is {image[row, col]} at row {row}, col {col}; "
@@ -83,13 +82,10 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
     >>> otsu_threshold(np.array([3, 3, 4, 900, 901], dtype=np.uint16))
     4
     """
-    levels = _rounded(
-        check_foreground(np.reshape(values, (1, -1)), "otsu_threshold: values")[0]
-    )
+    line = np.reshape(values, (1, -1))
+    levels = _rounded(check_foreground(line, "otsu_threshold: values"))[0]
     if levels.size == 0:
-        raise InputError(
-            "otsu_threshold: there are no values; pass at least one pixel."
-        )
+        raise InputError("otsu_threshold: no values; pass at least one pixel.")
     low = int(levels.min())
     high = int(levels.max())
     check_number(high - low, "otsu_threshold: range of the values", below=_LEVELS)
@@ -100,9 +96,10 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
 
 
 def _rounded(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return (
-        image if image.dtype.kind in "ui" else np.rint(image)
-    )  # halves go to the even
+    """Return grey values as whole numbers; halves go to the even one."""
+    if image.dtype.kind == "f":
+        return np.rint(image)
+    return image
 
 
 def _criterion(counts: Integers) -> Array:
@@ -112,9 +109,10 @@ def _criterion(counts: Integers) -> Array:
     0. There is one value for each level k but the last, (L - 1,).
     """
     level = np.arange(len(counts), dtype=np.float64)
-    p = counts / counts.sum()
-    omega = np.cumsum(counts)[:-1] / counts.sum()
-    mu = np.cumsum(counts * np.arange(len(counts)))[:-1] / counts.sum()
+    total = counts.sum()
+    p = counts / total
+    omega = np.cumsum(counts)[:-1] / total
+    mu = np.cumsum(counts * np.arange(len(counts)))[:-1] / total
     mean = float(level @ p)
     variance = float((level - mean) ** 2 @ p)
     return (mean * omega - mu) ** 2 / (variance * omega * (1 - omega))
@@ -127,13 +125,20 @@ class Otsu:
     Parameters
     ----------
     least
-        Grey values up to it are noise and count as 0.
+        Grey values up to it are noise and count as 0; ours.
 
     Notes
     -----
     "No parameters require to be defined" (section 5.1.3). The thesis does not say how
     pixels above the threshold become particles. Here a region of pixels that touch,
     corners included, is one particle; regions below `SMALLEST_PX` are noise.
+
+    Examples
+    --------
+    >>> foreground = np.zeros((60, 80), np.uint16)
+    >>> foreground[20:29, 30:39] = 5000
+    >>> Otsu()(foreground).round(1).tolist()  # row, col, radius of a disc of 81 px
+    [[24.0, 34.0, 5.1]]
     """
 
     least: float = 0.0
@@ -164,7 +169,8 @@ class Otsu:
         image = check_foreground(foreground, "Otsu")
         if image.size == 0:
             return np.empty((0, 3))
-        image = np.where(image > self.least, image, 0) if self.least else image
+        if self.least:
+            image = np.where(image > self.least, image, 0)
         above = _rounded(image) > otsu_threshold(image)
         _, _, regions, centroids = cv2.connectedComponentsWithStats(
             above.view(np.uint8), connectivity=8
@@ -176,10 +182,10 @@ class Otsu:
 
 
 def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
-    """Return the pixels (rows, cols) of the burner's flame (Fig. 3.4), which detection
-    leaves out.
+    """Return the pixels (rows, cols) of the burner's flame (Fig. 3.4).
 
-    They are the largest region above Otsu's threshold of a rectangle.
+    They are the largest region above Otsu's threshold of a rectangle. Detection leaves
+    them out.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ the noise. The noise is measured in the frame itself, so nothing depends on the
 exposure.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
@@ -20,11 +21,11 @@ import numba
 import numpy as np
 
 from kilnflight.arrays import Array, Flags, Integers, Single, Whole
+from kilnflight.detection.disjoint import find_root
 
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
-SMOOTHING_PX = (
-    1.0  # standard deviation of the Gaussian; smaller than any visible particle
-)
+# Standard deviation of the Gaussian, smaller than any visible particle.
+SMOOTHING_PX = 1.0
 _SAMPLES = 140_000  # pixels that measure the noise, to 0.3 % of it
 _ROUNDING = 0.5  # grey values; the least noise, left by rounding to whole ones
 
@@ -76,11 +77,12 @@ def _area_peaks(area: Single, prominence: float) -> Array:
     """
     height, width = area.shape
     value = area.copy().reshape(-1)
-    if (
-        not area.size
-        or value.max() - min(value.min(), _border_median(area)) < prominence
-    ):
-        return np.empty((0, 3))  # nothing can stand out so far
+    nothing = np.empty((0, 3))
+    if not area.size:
+        return nothing
+    border = _border_median(area)
+    if value.max() - min(value.min(), border) < prominence:
+        return nothing
     order = np.argsort(-value, kind="mergesort")
     parent = np.full(area.size, -1)  # of the hills, as disjoint sets; -1: not yet added
     summit = np.arange(area.size)
@@ -93,40 +95,23 @@ def _area_peaks(area: Single, prominence: float) -> Array:
             for j in range(max(col - 1, 0), min(col + 2, width)):
                 if parent[i * width + j] < 0:
                     continue
-                first = _root(parent, pixel)
-                second = _root(parent, i * width + j)
+                first = find_root(parent, pixel)
+                second = find_root(parent, i * width + j)
                 if first == second:
                     continue
                 low = summit[first]
                 high = summit[second]
-                if value[low] > value[high] or (
-                    value[low] == value[high] and low < high
-                ):
+                if (value[low], high) > (value[high], low):  # ties: the first is higher
                     low, high = high, low
                 height_above[low] = value[low] - value[pixel]
                 parent[first] = second
                 summit[second] = high
-    height_above[order[0]] = value[order[0]] - _border_median(area)
-    relief = height_above.reshape(height, width)
-    relief[0] = 0.0
-    relief[-1] = 0.0
-    relief[:, 0] = 0.0
-    relief[:, -1] = 0.0
-    kept = order[height_above[order] >= prominence]
-    peaks = np.empty((len(kept), 3))
-    peaks[:, 0] = kept // width
-    peaks[:, 1] = kept % width
-    peaks[:, 2] = height_above[kept]
-    return peaks
-
-
-@numba.njit(cache=True)
-def _root(parent: Whole, pixel: int) -> int:
-    """Return the root of a pixel's hill; ``parent`` (pixels,) are disjoint sets."""
-    while parent[pixel] != pixel:
-        parent[pixel] = parent[parent[pixel]]
-        pixel = parent[pixel]
-    return pixel
+    height_above[order[0]] = value[order[0]] - border
+    row = order // width
+    col = order % width
+    inner = (row > 0) & (row < height - 1) & (col > 0) & (col < width - 1)
+    peaks = np.column_stack((row, col, height_above[order]))
+    return peaks[inner & (peaks[:, 2] >= prominence)]
 
 
 @numba.njit(cache=True)
@@ -144,8 +129,8 @@ def _has_peak(area: Single, prominence: float) -> bool:
     """
     if not area.size:
         return False
-    least, highest = _extremes(area)
-    most = highest.max()
+    least = area.min()
+    most = area.max()
     border = _border_median(area)
     if most - min(least, border) < prominence:
         return False
@@ -156,7 +141,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
     visited = np.zeros(area.shape, np.int64)
     stack = np.empty((area.size, 2), np.int64)
     for row in range(1, height - 1):
-        if highest[row] - least < prominence:
+        if area[row].max() - least < prominence:
             continue
         for col in range(1, width - 1):
             value = area[row, col]
@@ -171,33 +156,14 @@ def _has_peak(area: Single, prominence: float) -> bool:
 
 @numba.njit(cache=True)
 def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
-    """Return whether each area (n, 4) has a peak in the absolute difference of two
-    pictures.
+    """Return whether each area (n, 4) has a peak where two pictures differ.
 
-    Both are (rows, cols), ``prominence`` is in grey values. Compiled: some hundred
-    areas of a frame take half of the time of a loop in Python.
+    The peak is in the absolute difference. Both are (rows, cols), ``prominence`` is in
+    grey values. Compiled: some hundred areas of a frame take half of the time of a loop
+    in Python.
     """
     changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
     return np.array([_has_peak(change, prominence) for change in changes])
-
-
-@numba.njit(
-    cache=True, fastmath={"nnan", "nsz"}
-)  # several pixels at a time; none is NaN
-def _extremes(area: Single) -> tuple[float, Single]:
-    """Return the lowest value of an area (rows, cols) and each row's highest (rows,)."""
-    least = area[0, 0]
-    highest = area[:, 0].copy()
-    for row in range(area.shape[0]):
-        line = area[row]
-        low = area[row, 0]
-        high = area[row, 0]
-        for col in range(area.shape[1]):
-            low = min(low, line[col])
-            high = max(high, line[col])
-        least = min(least, low)
-        highest[row] = high
-    return least, highest
 
 
 @numba.njit(cache=True)
@@ -253,19 +219,22 @@ def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     shape
         Rows and columns of the image.
     """
-    radius = np.maximum(discs[:, 2:], smallest)
-    low = np.maximum(np.ceil(discs[:, :2] - radius), 0).astype(np.intp)
-    high = np.minimum(np.floor(discs[:, :2] + radius) + 1, np.array(shape)).astype(
-        np.intp
-    )
-    sides = np.maximum(high - low, 0)
-    found = np.empty((3, (sides[:, 0] * sides[:, 1]).sum()), np.intp)
+    rows, cols = shape
+    radii = np.maximum(discs[:, 2], smallest)
+    widest = 2 * radii + 1
+    most = np.minimum(widest, rows) * np.minimum(widest, cols)
+    found = np.empty((3, np.int64(most.sum())), np.intp)
     count = 0
     for disc in range(len(discs)):
-        limit = radius[disc, 0] ** 2
-        for row in range(low[disc, 0], high[disc, 0]):
-            for col in range(low[disc, 1], high[disc, 1]):
-                if (row - discs[disc, 0]) ** 2 + (col - discs[disc, 1]) ** 2 <= limit:
+        y, x, _ = discs[disc]
+        radius = radii[disc]
+        left = max(math.ceil(x - radius), 0)
+        right = min(math.floor(x + radius) + 1, cols)
+        for row in range(max(math.ceil(y - radius), 0), rows):
+            if row > y + radius:
+                break
+            for col in range(left, right):
+                if (row - y) ** 2 + (col - x) ** 2 <= radius**2:
                     found[0, count] = disc
                     found[1, count] = row
                     found[2, count] = col
@@ -319,11 +288,8 @@ class Evidence(NamedTuple):
     gray: Single  # (rows, cols), smoothed
     before: Single  # (rows, cols), the frame before, smoothed
     threshold: float  # least prominence of a peak in `gray`, grey values
-    change_threshold: (
-        float  # least prominence of a peak in their difference, grey values
-    )
-    # least prominence of further peaks of an area, as a share of the highest one's
-    share: float
+    change_threshold: float  # the same in the difference of both pictures
+    share: float  # least prominence of further peaks, as a share of the highest one's
 
     @classmethod
     def of(
@@ -357,14 +323,18 @@ class Evidence(NamedTuple):
         """
         before = smooth(previous)
         now = smooth(gray)
-        flat = slice(
-            None, None, max(now.size // _SAMPLES, 1) | 1
-        )  # odd: no column twice
-        sample = now.reshape(-1)[flat] - before.reshape(-1)[flat]
+        step = max(now.size // _SAMPLES, 1) | 1  # odd, so that no column counts twice
+        sample = now.reshape(-1)[::step] - before.reshape(-1)[::step]
         sample = sample[: (sample.size - 1) | 1]  # an odd number has one middle
         spread = float(_middle(np.abs(sample - _middle(sample))))
         threshold = prominence * max(1.4826 * spread, _ROUNDING)
-        return cls(now, before, threshold / np.sqrt(2.0), threshold, share)
+        return cls(
+            gray=now,
+            before=before,
+            threshold=threshold / np.sqrt(2.0),
+            change_threshold=threshold,
+            share=share,
+        )
 
     def peaks(self, area: Integers) -> Array:
         """Return the peaks (k, 3) of ``gray`` in an area (4,), as `find_peaks` does.
@@ -375,10 +345,9 @@ class Evidence(NamedTuple):
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
-        """Return whether each area (n, 4) has a peak in the absolute difference of both
-        frames.
+        """Return whether each area (n, 4) has a peak where both frames differ.
 
-        `real` needs one. The peaks are those of `find_peaks`.
+        The peak, as of `find_peaks`, is in the absolute difference; `real` needs one.
         """
         return _moved(self.gray, self.before, areas, self.change_threshold)
 
