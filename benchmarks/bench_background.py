@@ -20,7 +20,9 @@ FULL = (1536, 2048)
 
 
 class Walk:
-    """A stack in which every pixel walks at random, made on demand from eight images."""
+    """A stack in which every pixel walks at random, made on demand from eight
+    images.
+    """
 
     def __init__(self, length: int, shape: tuple[int, int]) -> None:
         generator = np.random.default_rng(length)

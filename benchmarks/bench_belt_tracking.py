@@ -74,7 +74,9 @@ def with_ours(table: pd.DataFrame) -> np.ndarray:
 
 
 def with_scipy(table: pd.DataFrame) -> np.ndarray:
-    """Return the same by scipy's assignment of the whole matrix and filterpy objects."""
+    """Return the same by scipy's assignment of the whole matrix and filterpy
+    objects.
+    """
     looks = Appearance()
     missed = MISSED
     tracks: list[tuple[int, KalmanFilter, int]] = []

@@ -33,7 +33,9 @@ def cloud() -> np.ndarray:
 
 
 def surface(count: int) -> np.ndarray:
-    """Return points as dense as a frame's on a wavy wall that grows with their number."""
+    """Return points as dense as a frame's on a wavy wall that grows with their
+    number.
+    """
     rng = np.random.default_rng(count)
     length = 5.0 * np.sqrt(count)
     x, z = rng.uniform(0, length, (2, count))

@@ -1,4 +1,6 @@
-"""Particles in the foreground of a frame of the twin, against OpenCV, numpy and scipy."""
+"""Particles in the foreground of a frame of the twin, against OpenCV, numpy and
+scipy.
+"""
 
 from __future__ import annotations
 

@@ -49,7 +49,9 @@ class Ready:
 
 
 def scene(count: int, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return places of tracks and of detections, nine of ten seen and a tenth clutter."""
+    """Return places of tracks and of detections, nine of ten seen and a tenth
+    clutter.
+    """
     rng = np.random.default_rng(count)
     tracks = rng.uniform(0, side, (count, 2))
     detections = tracks + rng.normal(0, 4, tracks.shape)

@@ -66,7 +66,9 @@ class Held:
 
 
 def held() -> Held:
-    """Return a campaign with the clouds of the wanted frames and the pictures around."""
+    """Return a campaign with the clouds of the wanted frames and the pictures
+    around.
+    """
     twin = open_scene(SCENE)
     around = range(WANTED.start - AROUND, WANTED.stop + AROUND)
     frames = {t: twin.frame(t) for t in (0, WANTED.start - 1, *WANTED)}
@@ -103,7 +105,9 @@ def window(recording: Held) -> np.ndarray:
 
 
 def steps() -> pd.DataFrame:
-    """Return the share of each step in a frame's time in percent, ours and the peer's."""
+    """Return the share of each step in a frame's time in percent, ours and the
+    peer's.
+    """
     recording = held()
     detector = Combination(DoG(THRESHOLD))
     roi = recording.attributes.roi

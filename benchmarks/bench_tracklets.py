@@ -13,7 +13,9 @@ SIZE = 300  # tracklets; the plain definition judges every pair in every iterati
 
 
 def tracklets(count: int) -> pd.DataFrame:
-    """Return flights of 60 frames in four tracklets each, 30 at a time in every frame."""
+    """Return flights of 60 frames in four tracklets each, 30 at a time in every
+    frame.
+    """
     rng = np.random.default_rng(count)
     flights = count // 4
     parts = []
@@ -38,8 +40,10 @@ def check(tracks: pd.DataFrame) -> None:
     expected = plain_tracklets.join(plain_tracklets.tracklets_of(tracks))
     assert [sorted(t) for t in found] == [sorted(t) for t in expected]
     for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(list(dict(sorted(one.items())).values()),
-                                   list(dict(sorted(other.items())).values()))  # fmt: skip
+        np.testing.assert_allclose(
+            list(dict(sorted(one.items())).values()),
+            list(dict(sorted(other.items())).values()),
+        )
 
 
 def rows() -> list[Row]:

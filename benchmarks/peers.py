@@ -127,7 +127,9 @@ class Gated(NamedTuple):
     def hypothesise(
         self, track: Any, detections: Any, timestamp: Any, **more: Any
     ) -> Any:
-        """Return the hypotheses of a track, as Stone Soup's associators ask for them."""
+        """Return the hypotheses of a track, as Stone Soup's associators ask for
+        them.
+        """
         near = [
             self.frame.detections[k] for k in np.flatnonzero(self.frame.inside(track))
         ]

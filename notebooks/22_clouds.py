@@ -68,13 +68,13 @@ marked = subset.particles.loc[subset.particles["frame"] == t, "particle"]
 cloud = cloud.assign(gray=frame.gray[row, col], particle=subset.instances(t)[row, col])
 is_particle = cloud["particle"].isin(marked)
 flying = cloud[is_particle]
-largest = flying["particle"].value_counts(sort=False).sort_index().idxmax()
+largest = flying["particle"].mode()[0]
 marked = flying[flying["particle"] == largest].reset_index(drop=True)
 
 # %% tags=["hide-input"]
-others = cloud[~is_particle]
-few = min(12_000, len(others))  # more would hide the particles
-picture = plots.draw_cloud(others.sample(few, random_state=seed), flying, marked)
+picture = plots.draw_cloud(
+    cloud[~is_particle][::15], flying, marked
+)  # more would hide particles
 caption = (
     "Point cloud of the kiln (grey) and of particles (blue), after Fig. 2.12; "
     f"simulated, subset {subset.name}: {len(cloud):,} points of "
@@ -111,10 +111,10 @@ for (name, values), line in zip(distances.items(), style.LINES, strict=False):
     axes.plot(values[shown], (shown + 1) / len(values), ls=line, label=name)
 axes.plot([1, 2], [printed[1], printed[2]], **style.PUBLISHED)
 axes.plot(
-    4, printed[4], **{**style.PUBLISHED, "marker": "^", "label": "published, at least"}
+    4, printed[4], **style.PUBLISHED | {"marker": "^", "label": "published, at least"}
 )
-axes.set(xlabel="distance to the nearest neighbour (mm)", xlim=(0, 6))
-axes.set(ylabel="share of the points", ylim=(0, 1.02))
+axes.set(xlabel="distance to the nearest neighbour (mm)", xlim=(0, 6), ylim=(0, 1.02))
+axes.set_ylabel("share of the points")
 axes.legend(loc="lower right")
 caption = (
     f"Share of points whose nearest neighbour is within a distance, {len(distances)} "
@@ -146,12 +146,12 @@ compared = [choices.compare("D7", quantity, chosen=ours, other=other)]
 
 # %%
 cloud = clouds[subset.name]
-eps_and_points = claims.published("table_5.8")
+dbscan = claims.published("table_5.8")
 shown = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
 curves = pd.DataFrame({"point": shown + 1})
-for k in np.unique(eps_and_points["minPts"]):
+for k in np.unique(dbscan["minPts"]):
     curves[f"distance_{k}_mm"] = k_distances(cloud, k)[shown]
-picture = plots.draw_k_distances(curves, np.unique(eps_and_points["epsilon_mm"]))
+picture = plots.draw_k_distances(curves, np.unique(dbscan["epsilon_mm"]))
 caption = (
     "Sorted k-distances of one simulated frame, after Fig. 2.19; grey: the eps of "
     "Table 5.8."
@@ -172,8 +172,8 @@ some = cloud[::10]
 peer = cluster.DBSCAN(eps=50.0, min_samples=10)
 ours, ours_s = labelled.timed(DBSCAN(50.0, 10), some)
 theirs, peer_s = labelled.timed(peer.fit_predict, some)
-row = {"points": len(some), "ours_s": ours_s, "scikit_learn_s": peer_s}
-pd.DataFrame([row | {"largest_difference": np.abs(ours - theirs).max()}])
+apart = np.abs(ours - theirs).max()
+pd.Series({"ours_s": ours_s, "peer_s": peer_s, "largest_difference": apart})
 
 # %% [markdown]
 # ## All published settings
@@ -185,7 +185,7 @@ pd.DataFrame([row | {"largest_difference": np.abs(ours - theirs).max()}])
 
 # %%
 settings = {
-    "DBSCAN": claims.published("table_5.8"),
+    "DBSCAN": dbscan,
     "MO": claims.published("table_5.9"),
     "QCC": claims.published("table_5.10"),
 }
@@ -238,8 +238,10 @@ for family, names in varied.items():
         each[summaries.RATES].where(found["subset"] == "Total").add_suffix("_published")
     )
     tables[family] = pd.concat([each[names], found, printed], axis=1)
-images = frames * len(subsets)
-scored = f"on {images} frames, by subset and in total; scoring distance 45 px."
+scored = (
+    f"on {frames * len(subsets)} frames, by subset and in total; "
+    "scoring distance 45 px."
+)
 
 # %%
 caption = f"DBSCAN with the parameters of Table 5.8 {scored}"
@@ -346,6 +348,10 @@ for choice, scenario in scenarios.items():
     turns = choices.turned(checks, judge(others))
     theirs = mean_recalls(others)
     for quantity, ours in mean_recalls(recall).items():
-        both = {"chosen": float(ours), "other": float(theirs[quantity])}
-        compared.append(choices.compare(choice, quantity, **both, turns=turns))
+        other = float(theirs[quantity])
+        compared.append(
+            choices.compare(
+                choice, quantity, chosen=float(ours), other=other, turns=turns
+            )
+        )
 figures.conclude(result, checks, origin, choices=compared)

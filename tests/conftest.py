@@ -58,7 +58,9 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True)
 def own_folders(tmp_path, monkeypatch):
-    """Keep every test away from the project's figures and from the caller's settings."""
+    """Keep every test away from the project's figures and from the caller's
+    settings.
+    """
     monkeypatch.setenv("KILNFLIGHT_FIGURES", str(tmp_path / "figures"))
     monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "derived"))
     monkeypatch.delenv("KILNFLIGHT_EXTERNAL", raising=False)

@@ -17,11 +17,13 @@ BROKEN = """async () => {
     const images = [...document.images];
     images.forEach(image => { image.loading = 'eager'; });
     const states = await Promise.allSettled(images.map(image => image.decode()));
-    return images.filter((_, k) => states[k].status === 'rejected').map(image => image.src);
+    return images.filter((_, k) => states[k].status === 'rejected')
+        .map(image => image.src);
 }"""
 COUNTED = """() => [
     [...document.images]
-        .filter(image => !image.hasAttribute('alt'))  // empty: the words beside it say all
+        // empty: the words beside it say all
+        .filter(image => !image.hasAttribute('alt'))
         .map(image => image.src),
     document.querySelectorAll('.math').length,
     document.querySelectorAll('.math svg[aria-label]').length,

@@ -32,7 +32,9 @@ MAIN = (
 
 
 def called(*command, folder):
-    """Return what a command prints, with nothing of this project in its surroundings."""
+    """Return what a command prints, with nothing of this project in its
+    surroundings.
+    """
     kept = {
         k: v
         for k, v in os.environ.items()

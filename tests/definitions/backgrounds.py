@@ -10,7 +10,9 @@ def others(length, t, window):
 
 
 def difference(frame, background, absolute):
-    """The difference of two pictures: with bars, or as 16 bits without a sign have it."""
+    """The difference of two pictures: with bars, or as 16 bits without a sign
+    have it.
+    """
     apart = frame.astype(np.float64) - background
     return np.abs(apart) if absolute else np.where(apart > 0, apart, 0)
 

@@ -55,7 +55,9 @@ def parabolas(points):
 
 
 def limited_time(way, velocity, acceleration, limit, step=1e-5):
-    """Return the time for a way by integration: accelerate up to a limit, then keep it."""
+    """Return the time for a way by integration: accelerate up to a limit, then
+    keep it.
+    """
     x = time = 0.0
     while x < way and time < 3.0:
         # above the limit a particle keeps its velocity unless it slows down

@@ -1,4 +1,6 @@
-"""Clusterings as the thesis defines them, without the speed (sections 2.2.5 and 2.2.6)."""
+"""Clusterings as the thesis defines them, without the speed (sections 2.2.5 and
+2.2.6).
+"""
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +18,9 @@ def renumbered(labels):
 
 
 def morphology(points, grid):
-    """Eqs 2.32 to 2.34 on a full grid with one dilation and no rule of sizes (5.1.3)."""
+    """Eqs 2.32 to 2.34 on a full grid with one dilation and no rule of sizes
+    (5.1.3).
+    """
     shifted = points - points.min(axis=0)
     extent = shifted.max(axis=0)
     stretched = grid * (shifted / np.where(extent > 0, extent, 1.0))
@@ -38,7 +42,9 @@ def neighbors_by_sorting(points, k):
 
 
 def merged(clusters, most):
-    """The centre that stands for each centre once no clusters share more than ``most``."""
+    """The centre that stands for each centre once no clusters share more than
+    ``most``.
+    """
     stands, changed = {center: center for center in clusters}, True
     while changed:
         changed, at, shared = False, {}, {}

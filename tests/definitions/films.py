@@ -1,4 +1,6 @@
-"""Simulated films of particles, with the truth; they stay apart and inside the picture."""
+"""Simulated films of particles, with the truth; they stay apart and inside the
+picture.
+"""
 
 import numpy as np
 import pandas as pd
@@ -21,9 +23,21 @@ def edge(distance, radius):
 
 
 def film(
-    kind="spot", size=2.0, amplitude=60.0, frames=25, cells=(4, 5), pitch=24, drift=(0.0, 3.0),
-    diffusion=0.0, noise=1.0, base=100.0, flicker=0.0, texture=0.0, shake=0.0, dtype=np.uint8,
-):  # fmt: skip
+    kind="spot",
+    size=2.0,
+    amplitude=60.0,
+    frames=25,
+    cells=(4, 5),
+    pitch=24,
+    drift=(0.0, 3.0),
+    diffusion=0.0,
+    noise=1.0,
+    base=100.0,
+    flicker=0.0,
+    texture=0.0,
+    shake=0.0,
+    dtype=np.uint8,
+):
     """Return pictures (frames, rows, cols) and the truth: frame, row, col, particle.
 
     One particle starts in each cell of a grid; all drift alike and come in again on the

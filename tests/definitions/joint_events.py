@@ -1,4 +1,6 @@
-"""Joint events of tracks and detections, one by one (Eqs 2.57 to 2.64 of the thesis)."""
+"""Joint events of tracks and detections, one by one (Eqs 2.57 to 2.64 of the
+thesis).
+"""
 
 from itertools import product
 

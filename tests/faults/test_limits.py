@@ -173,9 +173,11 @@ def test_a_signal_ends_a_run_and_its_processes(number, stored_flights, tmp_path)
         "__main__.main()"
     )
     with subprocess.Popen(
-        [sys.executable, "-c", code, *command], stdout=subprocess.PIPE, start_new_session=True,
+        [sys.executable, "-c", code, *command],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as run:  # fmt: skip
+    ) as run:
         while run.poll() is None and not list(tmp_path.glob("parts/*.lock")):
             time.sleep(0.05)
         run.send_signal(number)

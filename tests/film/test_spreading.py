@@ -11,7 +11,9 @@ from kilnflight.film.spreading import diffusion, speeds, square_displacements
 
 
 def walks(count=60, frames=80, drift=(0.3, -1.0), diffusing=0.5, error=0.0, apart=90.0):
-    """Random walks on a grid, with a common drift and an error of each position (px)."""
+    """Random walks on a grid, with a common drift and an error of each position
+    (px).
+    """
     rng = np.random.default_rng(3)
     places = rng.normal(drift, np.sqrt(2 * diffusing), (frames, count, 2)).cumsum(
         axis=0

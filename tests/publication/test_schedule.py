@@ -1,4 +1,6 @@
-"""Which notebooks run, in what order, with a stand-in that only writes down its call."""
+"""Which notebooks run, in what order, with a stand-in that only writes down its
+call.
+"""
 
 import sys
 from pathlib import Path
