@@ -1,125 +1,18 @@
 """The command line: import, export, info, preview, track, run."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from kilnflight import __version__
 
 # The modules of a command are imported when it runs: they take time to load.
 
-
-def main(arguments: list[str] | None = None) -> None:
-    """Import, export and inspect recordings; preview, track or run it all."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        # like Ctrl-C, which ends all processes
-        signal.signal(number, signal.default_int_handler)
-    warnings.showwarning = lambda text, *_: print(f"warning: {text}")
-    try:
-        options.function(options)
-    # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
-    except (ValueError, OSError, KeyboardInterrupt) as error:
-        parser.exit(2, f"kilnflight {options.command}: {str(error) or 'stopped'}\n")
-
-
-def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
-    """Return the recording of a command; ``target`` must not lie in it."""
-    from kilnflight.film.run import check_apart
-    from kilnflight.recording.files import open_any
-
-    compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
-    if not any(compiled.rglob("*.nbi")):
-        print("The first run compiles, which takes up to a minute.", flush=True)
-    recording = open_any(options.recording, channel=options.channel)
-    check_apart(target or Path(os.devnull), options.recording, recording)
-    return recording
-
-
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the given settings of `Options` by name."""
-    from kilnflight.film.settings import Options
-
-    given = {name: value for name, value in vars(options).items() if value is not None}
-    return {name: value for name, value in given.items() if hasattr(Options, name)}
-
-
-def _info(options: argparse.Namespace) -> None:
-    from kilnflight.film.report import aligned, summarise_recording
-
-    print(aligned(summarise_recording(_opened(options))))
-
-
-def _import(options: argparse.Namespace) -> None:
-    from kilnflight.film.report import aligned, summarise_recording
-    from kilnflight.recording.store import write_recording
-
-    recording = _opened(options, options.to)
-    target = options.to or f"{recording.attributes.name}.zarr"
-    stored = write_recording(recording, target)
-    print(f"imported as {stored.path}")
-    print(aligned(summarise_recording(stored)))
-
-
-def _export(options: argparse.Namespace) -> None:
-    from kilnflight.recording.store import write_recording
-    from kilnflight.simulated.kiln import scenes, truth
-
-    recording = scenes.open_scene(options.scene, seed=options.seed)
-    frames = range(*options.frames or (len(recording),))
-    tables = truth.tables(recording, frames)
-    stored = write_recording(recording, options.folder, frames, tables)
-    what = f"{len(stored)} frames of {stored.attributes.name}"
-    print(f"exported {what} to {options.folder}")
-
-
-def _preview(options: argparse.Namespace) -> None:
-    from kilnflight.film.pictures import png, preview
-    from kilnflight.store.cache import write_whole
-
-    target = options.to or Path("preview.png")
-    recording = _opened(options, target)
-    picture = png(preview(recording, **_settings(options)))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(target, picture)
-    print(f"three frames with the detections of three thresholds: {target}")
-
-
-def _track(options: argparse.Namespace) -> None:
-    from kilnflight.association import GNN, JPDA
-    from kilnflight.film.doubts import doubtful_links
-    from kilnflight.film.run import track_detections
-    from kilnflight.film.spreading import followed
-    from kilnflight.recording import track_files
-
-    track_files.check_table_target(options.tracks, options.format, options.detections)
-    table = track_files.read_table(options.detections)
-    associator = JPDA() if options.jpda else GNN()
-    tracks = track_detections(table, associator, progress=True, **_settings(options))
-    track_files.write_table(tracks, options.tracks, options.format)
-    linked = followed(tracks)
-    share = f"{len(linked)} of {len(tracks)} detections"
-    print(f"{linked['particle'].nunique()} tracks with {share}")
-    for doubt in doubtful_links(tracks):
-        print(f"warning: {doubt}")
-
-
-def _run(options: argparse.Namespace) -> None:
-    from kilnflight.film.run import run_recording
-    from kilnflight.store.parallel import Workers
-
-    workers = Workers(options.jobs, options.scheduler, into_logs=True)
-    recording = _opened(options, options.to)
-    run_recording(recording, options.to, workers, **_settings(options))
-
-
+Function = Callable[[argparse.Namespace], None]
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
 # Arguments by name, as `argparse.ArgumentParser.add_argument` takes them.
 ARGUMENTS: dict[str, Any] = {
@@ -221,56 +114,135 @@ FOUND = (
     "--frames",
 )
 LINKED = ("--max-step", "--memory", "--post-processing")
+WORKED = ("--in-air", "--jobs", "--scheduler")
+COMMANDS: dict[str, tuple[Any, tuple[str, ...]]] = {}  # function and arguments
 
 
-class Command(NamedTuple):
-    """A command: its function, what it does, and its arguments."""
+def command(*arguments: str) -> Callable[[Function], Function]:
+    """Register a function as the command of its name, with its arguments."""
 
-    function: Callable[[argparse.Namespace], None]
-    does: str
-    arguments: tuple[str, ...]
+    def register(function: Function) -> Function:
+        COMMANDS[function.__name__.strip("_")] = function, arguments
+        return function
+
+    return register
 
 
-COMMANDS = {
-    "import": Command(
-        function=_import,
-        does="store a recording of any kind as Zarr",
-        arguments=(*OPENED, "--to"),
-    ),
-    "info": Command(
-        function=_info,
-        does="read every frame and print what a recording holds",
-        arguments=OPENED,
-    ),
-    "preview": Command(
-        function=_preview,
-        does="draw what three thresholds detect",
-        arguments=(*OPENED, "--to", *FOUND),
-    ),
-    "run": Command(
-        function=_run,
-        does="all steps, to tracks and pictures",
-        arguments=(
-            *OPENED,
-            "--to",
-            *FOUND,
-            *LINKED,
-            "--in-air",
-            "--jobs",
-            "--scheduler",
-        ),
-    ),
-    "track": Command(
-        function=_track,
-        does="link detections to tracks",
-        arguments=("detections", "tracks", *LINKED, "--jpda", "--format"),
-    ),
-    "export": Command(
-        function=_export,
-        does="write a simulated recording",
-        arguments=("scene", "folder", "--frames", "--seed"),
-    ),
-}
+def main(arguments: list[str] | None = None) -> None:
+    """Import, export and inspect recordings; preview, track or run it all."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # like Ctrl-C, which ends all processes
+        signal.signal(number, signal.default_int_handler)
+    warnings.showwarning = lambda text, *_: print(f"warning: {text}")
+    try:
+        options.function(options)
+    # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
+    except (ValueError, OSError, KeyboardInterrupt) as error:
+        parser.exit(2, f"kilnflight {options.command}: {str(error) or 'stopped'}\n")
+
+
+def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
+    """Return the recording of a command; ``target`` must not lie in it."""
+    from kilnflight.film.run import check_apart
+    from kilnflight.recording.files import open_any
+
+    compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
+    if not any(compiled.rglob("*.nbi")):
+        print("The first run compiles, which takes up to a minute.", flush=True)
+    recording = open_any(options.recording, channel=options.channel)
+    check_apart(target or Path(os.devnull), options.recording, recording)
+    return recording
+
+
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the given settings of `Options` by name."""
+    from kilnflight.film.settings import Options
+
+    given = {name: value for name, value in vars(options).items() if value is not None}
+    return {name: value for name, value in given.items() if hasattr(Options, name)}
+
+
+@command(*OPENED)
+def _info(options: argparse.Namespace) -> None:
+    """Read every frame and print what a recording holds."""
+    from kilnflight.film.report import aligned, summarise_recording
+
+    print(aligned(summarise_recording(_opened(options))))
+
+
+@command(*OPENED, "--to")
+def _import(options: argparse.Namespace) -> None:
+    """Store a recording of any kind as Zarr."""
+    from kilnflight.film.report import aligned, summarise_recording
+    from kilnflight.recording.store import write_recording
+
+    recording = _opened(options, options.to)
+    target = options.to or f"{recording.attributes.name}.zarr"
+    stored = write_recording(recording, target)
+    print(f"imported as {stored.path}")
+    print(aligned(summarise_recording(stored)))
+
+
+@command("scene", "folder", "--frames", "--seed")
+def _export(options: argparse.Namespace) -> None:
+    """Write a simulated recording."""
+    from kilnflight.recording.store import write_recording
+    from kilnflight.simulated.kiln import scenes, truth
+
+    recording = scenes.open_scene(options.scene, seed=options.seed)
+    frames = range(*options.frames or (len(recording),))
+    tables = truth.tables(recording, frames)
+    stored = write_recording(recording, options.folder, frames, tables)
+    what = f"{len(stored)} frames of {stored.attributes.name}"
+    print(f"exported {what} to {options.folder}")
+
+
+@command(*OPENED, "--to", *FOUND)
+def _preview(options: argparse.Namespace) -> None:
+    """Draw what three thresholds detect."""
+    from kilnflight.film.pictures import png, preview
+    from kilnflight.store.cache import write_whole
+
+    target = options.to or Path("preview.png")
+    recording = _opened(options, target)
+    picture = png(preview(recording, **_settings(options)))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, picture)
+    print(f"three frames with the detections of three thresholds: {target}")
+
+
+@command("detections", "tracks", *LINKED, "--jpda", "--format")
+def _track(options: argparse.Namespace) -> None:
+    """Link detections to tracks."""
+    from kilnflight.association import GNN, JPDA
+    from kilnflight.film.doubts import doubtful_links
+    from kilnflight.film.run import track_detections
+    from kilnflight.film.spreading import followed
+    from kilnflight.recording import track_files
+
+    track_files.check_table_target(options.tracks, options.format, options.detections)
+    table = track_files.read_table(options.detections)
+    associator = JPDA() if options.jpda else GNN()
+    tracks = track_detections(table, associator, progress=True, **_settings(options))
+    track_files.write_table(tracks, options.tracks, options.format)
+    linked = followed(tracks)
+    share = f"{len(linked)} of {len(tracks)} detections"
+    print(f"{linked['particle'].nunique()} tracks with {share}")
+    for doubt in doubtful_links(tracks):
+        print(f"warning: {doubt}")
+
+
+@command(*OPENED, "--to", *FOUND, *LINKED, *WORKED)
+def _run(options: argparse.Namespace) -> None:
+    """Run all steps, to tracks and pictures."""
+    from kilnflight.film.run import run_recording
+    from kilnflight.store.parallel import Workers
+
+    workers = Workers(options.jobs, options.scheduler, into_logs=True)
+    recording = _opened(options, options.to)
+    run_recording(recording, options.to, workers, **_settings(options))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -279,10 +251,11 @@ def _parser() -> argparse.ArgumentParser:
     version = f"kilnflight {__version__}"
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, command in COMMANDS.items():
-        added = commands.add_parser(name, help=command.does, description=command.does)
-        added.set_defaults(function=command.function)
-        for argument in command.arguments:
+    for name, (function, arguments) in COMMANDS.items():
+        does = function.__doc__
+        added = commands.add_parser(name, help=does, description=does)
+        added.set_defaults(function=function)
+        for argument in arguments:
             added.add_argument(argument, **ARGUMENTS[argument])
     return parser
 

@@ -18,8 +18,6 @@ weight of "missed" is what those of a track's pairs leave of 1. So a track with 
 gate is missed with weight 1.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass

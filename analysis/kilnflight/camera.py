@@ -7,8 +7,6 @@ a recording says which calibration its depths need, and none is applied unasked.
 are in mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self

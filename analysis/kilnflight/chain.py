@@ -8,8 +8,6 @@ with the first missing table. Tracks are made without the texture term of Eq. 4.
 needs the frame differences, some 3 MB a frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

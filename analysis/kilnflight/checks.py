@@ -1,7 +1,5 @@
 """Checks of columns, shapes and numbers, and the error for unusable input."""
 
-from __future__ import annotations
-
 import math
 import re
 import sys

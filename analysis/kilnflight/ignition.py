@@ -5,8 +5,6 @@
 The thesis prints no rule: `Ignition` is our test of its sentence.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

@@ -6,8 +6,6 @@ their unit in the name. On the belt ``x`` points along the transport direction a
 across it.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from kilnflight.checks import (
 )
 
 AXES = ("x", "y", "z")
-PIXEL = ("row", "col")
 GAPS = complex  # kind of a column of floats that may be NaN
 LIMITS: dict[str, dict[str, Any]] = {
     "particle": {"least": -1},

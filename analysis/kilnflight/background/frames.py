@@ -1,7 +1,5 @@
 """Stacks of grey frames, and the frames of one that are held in memory."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol

@@ -5,8 +5,6 @@ It runs over differences from a reference frame, so that a still recording has n
 foreground.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -9,8 +9,6 @@ tile. `numpy.median` selects from every window anew and takes 386 times as long
 (benchmarks.csv).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -4,8 +4,6 @@
 `calibrate_camera` maps them to mm. No parameter of the camera is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -21,8 +21,6 @@ Examples
 ['Straight', 'CV', 'CA', 'CADSC', 'Ratio']
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

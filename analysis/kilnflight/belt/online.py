@@ -9,8 +9,6 @@ frame's time is its number times the tracker's ``frame_s``. Memory does not grow
 the number of frames.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ A deviation is prediction minus reference. Positive means that the particle arri
 earlier than predicted, as in the caption of Fig. 9; section 5.1 states the opposite.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 They are connected areas that differ from the background, with places in mm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -12,8 +12,6 @@ and size of a pixel stand in the models of the same repository
 (KIT-ISAS/TrackSort_Neural_Public, branch jakob_master, cv_model.py and main.py).
 """
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from zipfile import BadZipFile

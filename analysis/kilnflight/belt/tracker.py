@@ -8,8 +8,6 @@ from dirt. Lengths are in mm, times in s. All likelihoods are taken as -ln, so t
 likeliest association is the cheapest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

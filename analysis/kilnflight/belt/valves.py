@@ -5,8 +5,6 @@ across the belt blows particles out. Neither paper evaluates it, so the numbers 
 bar are choices.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ layer. So a cell and those within a few steps along z have consecutive numbers, 
 row around. The occupied ones are consecutive entries of `_Cells.keys`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Clusters by dilation of a grid of cells (thesis, section 2.2.5)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clusters that spread from the densest points (thesis, section 2.2.6)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The region of interest, a polygon in the picture."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import numpy.typing as npt

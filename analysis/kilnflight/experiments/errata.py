@@ -5,8 +5,6 @@ unit of its last printed digit. Tables are kept as printed in data/reference/pub
 sentences that a table can confirm or refute are in data/reference/statements.csv.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 

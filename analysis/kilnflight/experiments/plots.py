@@ -1,7 +1,5 @@
 """Plots shared by notebooks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

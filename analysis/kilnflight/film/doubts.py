@@ -1,7 +1,5 @@
 """Warnings of missing or doubtful results, each with what to change."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

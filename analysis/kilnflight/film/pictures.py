@@ -1,7 +1,5 @@
 """Pictures of a run: detections, tracks, lengths, speeds, square displacements."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from dataclasses import fields, replace

@@ -3,8 +3,6 @@
 `choose` estimates from some frames what is not given; `prepare` adds lance and wall.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """A recording as it is searched, changed frame by frame when it is read."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

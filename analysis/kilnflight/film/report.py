@@ -3,8 +3,6 @@
 `summarise_recording` for ``kilnflight import`` and ``info``; `summary` for a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The steps on a recording of one's own: detect, track, or all of them."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Settings of a run; what is not given is estimated from the recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Criteria of one flight: start at the lance, landing, plausibility (section 5.3.1)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

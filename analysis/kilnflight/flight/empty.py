@@ -1,7 +1,5 @@
 """The grey values of the kiln without particles, which ignition compares with."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

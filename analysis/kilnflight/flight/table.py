@@ -1,7 +1,5 @@
 """The table of flights: their start, end and dwell time (section 5.3.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple

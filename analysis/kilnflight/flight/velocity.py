@@ -1,7 +1,5 @@
 """Space-sliced velocities (Eq. 5.8), and the share of particles in each slice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

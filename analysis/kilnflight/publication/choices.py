@@ -6,8 +6,6 @@ with both values once and hands it to `kilnflight.publication.figures.conclude`.
 Notebook 01 shows all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain

@@ -6,8 +6,6 @@ lists those). A claim is a sentence of one of the three works
 saved: `check`. The rules of a verdict stand in docs/limits.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ its SHA-256 is right. A folder that ``KILNFLIGHT_RECORDINGS`` names holds the us
 recordings and is not looked at here.
 """
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import os

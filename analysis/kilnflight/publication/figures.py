@@ -6,8 +6,6 @@
 gives the same bytes.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -6,8 +6,6 @@ The executed notebook appears under its name only when every cell has run. When 
 fails, what was executed until then stays as ``NN_name.failed.ipynb``.
 """
 
-from __future__ import annotations
-
 import ast
 import logging
 import os

@@ -5,8 +5,6 @@ fetched data changed, or a figure that it saved is gone. What a run was made of 
 in ``<build>/<stem>.stamp``. ``make`` calls this.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal
@@ -139,13 +137,8 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
 
 def in_order(sources: Sequence[Path]) -> list[Path]:
     """Return notebooks by their length, the longest first."""
-
-    def rank(source: Path) -> tuple[int, str]:
-        if number(source) in LONGEST:
-            return LONGEST.index(number(source)), source.stem
-        return len(LONGEST), source.stem
-
-    return sorted(sources, key=rank)
+    order = {name: k for k, name in enumerate(LONGEST)}
+    return sorted(sources, key=lambda source: order.get(number(source), len(order)))
 
 
 def run_all(plan: Plan, wanted: Sequence[Path]) -> int:

@@ -1,7 +1,5 @@
 """The look of all figures: one style, print size, readable without colours."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager

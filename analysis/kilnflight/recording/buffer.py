@@ -1,7 +1,5 @@
 """Frames that are held from their first use to their last."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace

@@ -60,8 +60,6 @@ a fit (``breakpoints_mm``, ``coefficients`` in mm, highest power first),
 ``"zhang-2023"`` (Eq. 2.4, which holds for that one camera), or ``"none"``, the default.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import mmap

@@ -6,8 +6,6 @@ there are, from 0; a gap in a camera's numbers shows in `Frame.index` and
 captured, before the recording's depth calibration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self

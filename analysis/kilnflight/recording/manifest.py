@@ -1,7 +1,5 @@
 """Manifests: facts about a recording, and the tables of its files."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Collection, Mapping

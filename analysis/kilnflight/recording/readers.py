@@ -1,7 +1,5 @@
 """Arrays, pictures, stacks and films in files of other programs."""
 
-from __future__ import annotations
-
 import fnmatch
 import glob
 import logging

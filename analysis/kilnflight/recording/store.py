@@ -15,8 +15,6 @@ zstd with a checksum. A recording grows in a folder ``<name>.*.part`` and is mov
 after its last frame.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

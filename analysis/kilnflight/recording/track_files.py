@@ -14,8 +14,6 @@ frame; ``row`` is y, ``col`` is x, ``plane`` is z. Numbers are written to the la
 digit. A file is there whole or not at all.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

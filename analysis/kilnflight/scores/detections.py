@@ -9,8 +9,6 @@ x 15 x 1.5 = 45. A detection would then lie within 22.5 px (`NEAR_GATE_PX`). But
 compares that threshold with the distance of two centres: 45 px (`DETECTION_GATE_PX`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

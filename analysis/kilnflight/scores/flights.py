@@ -4,8 +4,6 @@ The input is arrays with one entry per particle, true or measured. Distances are
 depth from the lance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -8,8 +8,6 @@ frames, so they are less independent than the intervals assume. Differences betw
 whole recordings (gas, light, bias of depth) are in none of them.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The index of the folder of figures: captions, provenance, results, verdicts."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

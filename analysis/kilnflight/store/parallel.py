@@ -4,8 +4,6 @@ joblib's own Dask back end is not used: it works in this process where the clust
 one core, and waits for ever where a worker is killed (joblib 1.6).
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

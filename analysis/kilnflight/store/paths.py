@@ -1,7 +1,5 @@
 """Folders of the project; no other module spells their paths."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

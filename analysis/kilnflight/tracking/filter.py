@@ -21,8 +21,6 @@ changes that by a fraction of a px/frame in each frame. The centroid of a tumbli
 sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any result.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import chain

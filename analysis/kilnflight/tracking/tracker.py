@@ -7,8 +7,6 @@ association. A probabilistic track is recorded at the mean of its weighted detec
 (section 5.2.3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 Section 4.2.1 of the thesis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Sections 4.2.3 and 4.2.4 of the thesis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple

@@ -3,8 +3,6 @@
 Sections 4.2.2 and 4.2.3 of the thesis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Section 4.2.3 of the thesis.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

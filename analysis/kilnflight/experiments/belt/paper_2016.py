@@ -6,8 +6,6 @@
           pictures -> spots -> tracking, straight            (images: Figs 6b, 6d)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

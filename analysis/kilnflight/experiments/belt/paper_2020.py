@@ -9,8 +9,6 @@ the mean absolute error (MAE), the boxes of Figs 9 and 10 show the interquartile
 both contradict it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path

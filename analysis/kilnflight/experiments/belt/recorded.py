@@ -1,7 +1,5 @@
 """Find the recordings of a real belt, and join several into one table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

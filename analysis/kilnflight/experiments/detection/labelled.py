@@ -4,8 +4,6 @@ Views of labelled frames go through each method (section 5.1.3). `score_methods`
 one row per frame and method, `sum_counts` their sums and rates.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

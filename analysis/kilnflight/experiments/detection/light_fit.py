@@ -8,8 +8,6 @@ unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexpo
 (section 3.1). The background is the simulation's own without particles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any

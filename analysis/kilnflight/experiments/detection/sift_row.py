@@ -9,8 +9,6 @@ tries all `EDGES` and `CLUTTER` on the 50 labelled frames, in half an hour, and 
 data/reference/sift_row.csv, the best first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ They sum the counts of `kilnflight.experiments.detection.labelled` by subset and
 beside the publication, and draw frames anew for intervals.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

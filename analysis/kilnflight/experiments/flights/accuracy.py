@@ -3,8 +3,6 @@
 measured flights, true flights -> `compare` -> `errors`: share detected, bias, spread
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ velocity is that of the particles that passed the metre; "velocity last" is that
 last metre passed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import product

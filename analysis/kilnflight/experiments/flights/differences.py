@@ -4,8 +4,6 @@ Post-processing needs sums of the foregrounds for the texture energies of trackl
 4.24).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

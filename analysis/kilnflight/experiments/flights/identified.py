@@ -4,8 +4,6 @@ The numbers follow from true paths, true labels and the depth camera's errors, w
 detector and tracker.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Ignition: flights whose grey value rises, and the optical picture (Fig. 5.17)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

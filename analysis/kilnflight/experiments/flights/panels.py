@@ -1,7 +1,5 @@
 """Panels of the figures of notebooks 50, 52 and 54."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Joints of tracklets and textures of streaks (notebook 31)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations_with_replacement
 from typing import Any

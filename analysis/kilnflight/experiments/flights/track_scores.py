@@ -7,8 +7,6 @@ and without post-processing. "For some time" is said of the truth alone, so `las
 restricts nothing else: a short false track is false.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple

@@ -6,8 +6,6 @@
 The trackers run on the windows of Table 5.15.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from typing import NamedTuple

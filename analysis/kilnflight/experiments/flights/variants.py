@@ -4,8 +4,6 @@ Detections and tracks stay; regression and flights are computed again
 (data/reference/choices.csv).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

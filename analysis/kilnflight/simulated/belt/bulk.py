@@ -1,7 +1,5 @@
 """Describe the particles of the belt papers: shape, size and number."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

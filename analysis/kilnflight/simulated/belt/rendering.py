@@ -4,8 +4,6 @@ Pictures are rendered on demand: particles are drawn from true places with their
 and direction, soft edges, motion blur and noise. What measures sees the pictures alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ inside the kiln, with a flame that is exceptionally bright (section 3.1). All el
 assumed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

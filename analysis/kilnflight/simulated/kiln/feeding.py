@@ -5,8 +5,6 @@ the trajectories of a window of each campaign (Table 5.15), and the labelled par
 of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

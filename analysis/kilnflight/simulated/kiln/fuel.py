@@ -5,8 +5,6 @@ are those of handbooks and products, as the comments say; sizes are drawn unifor
 them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

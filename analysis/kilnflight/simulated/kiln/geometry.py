@@ -11,8 +11,6 @@ lance. Both are constants here, set once by Tables 5.3, 5.12 and 5.18 and Figs 3
 5.11; lengths of Table 5.12 are taken as 1.111 times the true ones.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The inputs of a recording of the twin: a few parameters and a seed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from kilnflight.simulated.kiln.background import Interior

@@ -6,8 +6,6 @@ share of that behind it pass, the less the thicker it is. Its brightness and are
 flutter: sums of sines, so that any moment can be computed alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

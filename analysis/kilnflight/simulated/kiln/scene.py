@@ -5,8 +5,6 @@ rendered on demand from the seed and its number alone. So frames come in any ord
 from any process, and nothing grows with the length.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -6,8 +6,6 @@ fed particles is not: that of the campaigns follows from the trajectories in the
 of Table 5.15.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace

@@ -4,8 +4,6 @@ Values of flights need no picture: every particle counts, also one that no camer
 have seen. Their distances are along the kiln from the lance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 
