@@ -121,7 +121,7 @@ def test_a_wrong_input_is_named_in_the_last_line(
 
 
 def test_the_version_and_every_command_explain_themselves(capsys):
-    for command in (["--version"], *([name, "--help"] for name, *_ in COMMANDS)):
+    for command in (["--version"], *([name, "--help"] for name in COMMANDS)):
         with pytest.raises(SystemExit, match="0"):
             main(command)
     assert kilnflight.__version__ in capsys.readouterr().out

@@ -87,6 +87,14 @@ def test_the_first_failure_stops_what_has_not_begun(project, capfd):
     assert "3 of 3 notebooks" in capfd.readouterr().out
 
 
+def test_those_that_run_beside_a_failure_end(project):
+    write(*CAMPAIGNS)
+    Path("fail-23_compiles").touch()
+    Path("fail-45_belt").touch()
+    assert schedule.main(["standard", "--jobs", "2"]) == 7
+    assert {line.split()[0] for line in calls()} == {"23_compiles", "45_belt"}
+
+
 def test_a_wrong_parameter_is_told_in_one_line(project, capfd):
     assert schedule.main(["standard", "--parameters", "77.seed=1"]) == 1
     assert "77.seed=1" in capfd.readouterr().err

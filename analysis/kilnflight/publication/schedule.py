@@ -147,32 +147,35 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
     After the first failure no other begins. A summary runs again after any other.
     """
     stale = [source for source in wanted if not plan.is_current(source)]
-    if stale:
-        stale += [each for each in wanted if number(each) in SUMMARY]
+    if not stale:
+        return 0
+    stale += [each for each in wanted if number(each) in SUMMARY]
     waiting = in_order([*dict.fromkeys(stale)])
     before = {each: waits_for(each, waiting, plan.scale) for each in waiting}
-    count = len(waiting)
-    if waiting:
-        plan.build.mkdir(parents=True, exist_ok=True)
-        write_whole(plan.build / "ran", b"")  # the pages are older now
+    plan.build.mkdir(parents=True, exist_ok=True)
+    write_whole(plan.build / "ran", b"")  # the pages are older now
     running: dict[Path, subprocess.Popen[bytes]] = {}
     done = set[Path]()
     status = 0
     try:
         while running or (waiting and not status):
-            for source in list(waiting):
-                if not status and len(running) < plan.jobs and before[source] <= done:
-                    waiting.remove(source)
-                    running[source] = _started(plan, source)
-            for source in [
-                each for each in running if running[each].poll() is not None
-            ]:
-                status = status or running.pop(source).returncode
-                done.add(source)
-                if not status:
-                    _stamp(plan, source)
-                    print(f"{len(done)} of {count} notebooks done", flush=True)
+            ready = [source for source in waiting if before[source] <= done]
+            if ready and not status and len(running) < plan.jobs:
+                waiting.remove(ready[0])
+                running[ready[0]] = _started(plan, ready[0])
+                continue
             time.sleep(POLL_S)
+            for source, process in list(running.items()):
+                if process.poll() is not None:
+                    del running[source]
+                    done.add(source)
+                    status = status or process.returncode
+                    if process.returncode == 0:
+                        stamp = plan.build / f"{source.stem}.stamp"
+                        write_whole(stamp, plan.stamp(source).encode())
+                        print(
+                            f"{len(done)} of {len(before)} notebooks done", flush=True
+                        )
     finally:  # of an interruption: each says that it stops
         for process in running.values():
             process.send_signal(signal.SIGINT)
@@ -188,12 +191,6 @@ def _started(plan: Plan, source: Path) -> subprocess.Popen[bytes]:
     for parameter in plan.arguments(source):
         command += ["-p", parameter]
     return subprocess.Popen(command)
-
-
-def _stamp(plan: Plan, source: Path) -> None:
-    """Write down what an executed notebook was made of."""
-    path = plan.build / f"{source.stem}.stamp"
-    write_whole(path, plan.stamp(source).encode())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
