@@ -52,7 +52,13 @@ def draw_grouped_boxes(
     for k, (name, series) in enumerate(groups.items()):
         place = _beside(k, len(groups), len(series))
         finite = [values[np.isfinite(values)] for values in series]
-        box = {"fc": FACES[k], "hatch": HATCHES[k], "ec": "black", "lw": 0.6, "ls": "-"}
+        box = {
+            "facecolor": FACES[k],
+            "hatch": HATCHES[k],
+            "edgecolor": "black",
+            "linewidth": 0.6,
+            "linestyle": "-",
+        }
         axes.boxplot(
             finite,
             positions=place,
@@ -103,10 +109,6 @@ def draw_velocity_boxes(
         rows, 2, width_mm=PAGE_MM, height_mm=55 * rows, sharex=True, sharey=True
     )
     metres = [f"{metre - 1}-{metre} m" for metre in MARKS_M]
-    if bounds is not None:
-        # the first metre, 0-1 m, is label 0
-        at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
-        bounds = bounds.assign(at=at).dropna(subset="at")
     for axes, key in zip(grid.flat, keys, strict=False):
         velocities = {
             name: list(values[key].velocity_m_s.T) for name, values in sources.items()
@@ -114,7 +116,10 @@ def draw_velocity_boxes(
         draw_grouped_boxes(axes, velocities, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
         if bounds is not None:
-            draw_published(axes, of_campaign(bounds, key))
+            # the first metre, 0-1 m, is label 0
+            at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
+            known = bounds.assign(at=at).dropna(subset="at")
+            draw_published(axes, of_campaign(known, key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
     grid[0, 0].legend()
@@ -245,18 +250,19 @@ def draw_class_recall(
     for axes, (name, table) in zip(panels, groups, strict=True):
         kinds = table["kind"].unique()
         bars = table.pivot(index="subset", columns="kind", values="recall")
+        printed = published.get(str(name))
         for k, kind in enumerate(kinds):
+            place = _beside(k, len(kinds), len(bars))
             axes.bar(
-                _beside(k, len(kinds), len(bars)),
+                place,
                 bars[kind],
                 0.736 / len(kinds),
                 label=kind,
                 color=COLOURS[k + 1],
                 hatch=HATCHES[k],
             )
-        for k, values in enumerate(published.get(str(name), ())):
-            place = _beside(k, len(kinds), len(bars))
-            axes.plot(place, values, clip_on=False, **PUBLISHED)
+            if printed:
+                axes.plot(place, printed[k], clip_on=False, **PUBLISHED)
         axes.set(title=name, xlabel="subset")
         axes.set_xticks(range(len(bars)), bars.index)
     panels[0].set_ylabel("recall")
@@ -299,11 +305,9 @@ def draw_cloud(
     scatter = partial(room.scatter, depthshade=False)
     gray = np.sqrt(wall["gray"])
     bright = 1.25 * gray.quantile(0.99)  # white points would vanish on paper
-    look = {"c": gray, "cmap": "gray", "vmin": 0, "vmax": bright}
-    scatter(*upright(wall[axis]), s=0.8, lw=0, **look)
+    scatter(*upright(wall[axis]), s=0.8, lw=0, c=gray, cmap="gray", vmin=0, vmax=bright)
     scatter(*upright(particles[axis]), s=1.2, lw=0, color=COLOURS[2])
-    middle = upright(marked[axis].mean())
-    scatter(*middle, s=160, lw=1.4, ec=COLOURS[1], fc="none")
+    scatter(*upright(marked[axis].mean()), s=160, lw=1.4, ec=COLOURS[1], fc="none")
     label_camera_space(room)
     room.set_box_aspect((1.9, 1, 1), zoom=1.15)
     room.view_init(elev=18, azim=-60)

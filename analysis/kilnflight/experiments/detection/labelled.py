@@ -20,7 +20,6 @@ from kilnflight.arrays import Array, Index
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
-    DBSCAN,
     Clusterer,
     Detector2D,
     DoG,
@@ -29,6 +28,8 @@ from kilnflight.detection import (
 )
 from kilnflight.detection.combination import (
     LARGEST_PX,
+    PARTICLE_PASS,
+    WALL_PASS,
     Combination,
     View,
     no_larger,
@@ -63,7 +64,7 @@ MOST_NEIGHBORS = 35
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15
 # points in 70 mm would be more precise than the printed first pass (Table 5.8).
 PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
-    "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
+    "DBSCAN": (WALL_PASS, PARTICLE_PASS),
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(MOST_NEIGHBORS, 0.1), QuasiClusterCenters(20, 0.2)),
 }
@@ -275,7 +276,7 @@ def from_thresholds(
         particles = graded(view)
         return particles[particles[:, 3] >= threshold, :3]
 
-    return {threshold: partial(above, float(threshold)) for threshold in thresholds}
+    return {threshold: partial(above, threshold) for threshold in thresholds}
 
 
 def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -341,8 +342,7 @@ def wall_points(subset: Subset) -> Array:
     after depth calibration.
     """
     points = calibrated_cloud(subset.recording, subset.frames[0])
-    first, _ = PASSES["DBSCAN"]
-    labels = first(points)
+    labels = WALL_PASS(points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 
 

@@ -24,7 +24,7 @@ from kilnflight.detection.region import inside
 from kilnflight.experiments.detection.labelled import class_counts
 from kilnflight.publication import claims
 from kilnflight.scores import score_detections
-from kilnflight.simulated.kiln import scenes, truth
+from kilnflight.simulated.kiln import scenes
 from kilnflight.simulated.kiln.feeding import BURNING, LABELLED, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.light import Optics
@@ -130,7 +130,7 @@ def _rates(sums: Any) -> dict[str, Any]:
     marked = sums["tp"] + sums["fn"]
     recall = {
         kind: sums[f"tp_{kind}"] / (sums[f"tp_{kind}"] + sums[f"fn_{kind}"])
-        for kind in truth.CLASSES
+        for kind in (BURNING, UNLIT, ON_WALL)
     }
     return {
         "precision": sums["tp"] / (sums["tp"] + sums["fp"]),
@@ -159,8 +159,8 @@ def compare(counts: pd.DataFrame) -> pd.DataFrame:
     rows: list[tuple[Any, ...]] = []
     ours = _rates(sums)
     for subset, (name, sd) in product(sums.index, BY_SUBSET.items()):
-        values = (printed[name][subset], ours[name][subset])
-        rows.append((name, subset, *values, sd))
+        known = printed[name][subset]
+        rows.append((name, subset, known, ours[name][subset], sd))
     total = _rates(sums.sum())
     for name, (value, sd) in TOTALS.items():
         rows.append((name, "all", value, total[name], sd))
@@ -202,14 +202,14 @@ def fit(prepared: Prepared, start: Optics, steps: int) -> tuple[Optics, float]:
     def cost(logarithms: Any) -> float:
         return misfit(prepared, light(logarithms))
 
-    count = len(FITTED)
+    simplex = 0.15 * np.eye(len(FITTED) + 1, len(FITTED), -1)  # the start is first
     options: Any = {
         "maxfev": steps,
-        "initial_simplex": 0.15 * np.eye(count + 1, count, -1),  # the start is first
+        "initial_simplex": simplex,
         "xatol": 0.01,
         "fatol": 0.5,
     }
-    best = minimize(cost, np.zeros(count), method="Nelder-Mead", options=options)
+    best = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     return light(best.x), float(best.fun)
 
 

@@ -66,7 +66,7 @@ def edge_table(
     return table.assign(misfit=np.hypot(off, more))
 
 
-def identify(subsets: Iterable[labelled.Subset], scale: str) -> pd.DataFrame:
+def identify(subsets: Iterable[labelled.Subset]) -> pd.DataFrame:
     """Tabulate the total row of Table 5.6 for `EDGES` and `CLUTTER`, the best first.
 
     Columns are ``clutter_gray`` and those of `edge_table`.
@@ -74,14 +74,14 @@ def identify(subsets: Iterable[labelled.Subset], scale: str) -> pd.DataFrame:
     parts = []
     for gray in tqdm(CLUTTER, "strengths of clutter", disable=None):
         cluttered = [with_clutter(subset, gray) for subset in subsets]
-        table = edge_table(cluttered, scale, EDGES)
+        table = edge_table(cluttered, "full", EDGES)
         parts.append(table[table["subset"] == "Total"].assign(clutter_gray=gray))
     return pd.concat(parts).sort_values("misfit", kind="stable", ignore_index=True)
 
 
 def main() -> None:
     """Identify r and clutter on the published simulation; print and keep all pairs."""
-    table = identify(labelled.labelled_subsets("full"), "full")
+    table = identify(labelled.labelled_subsets("full"))
     table = table[["edge", "clutter_gray", "tp", "fp", "fn", "f1", "misfit"]].round(4)
     write_whole(paths.reference() / "sift_row.csv", table.to_csv(index=False).encode())
     print(table.to_string())

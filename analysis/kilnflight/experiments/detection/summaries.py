@@ -116,5 +116,9 @@ def f1_with_intervals(
     total = sum_counts(table, ["method"]).set_index("method")
     draws = resampled_rates(table, seed)["f1"]
     low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
-    f1 = total[["f1"]].assign(f1_low=low, f1_high=high)
-    return f1.assign(f1_in_pixels=total["f1_in_pixels"], f1_published=published)
+    return total[["f1"]].assign(
+        f1_low=low,
+        f1_high=high,
+        f1_in_pixels=total["f1_in_pixels"],
+        f1_published=published,
+    )
