@@ -30,13 +30,16 @@ from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.experiments.flights.track_scores import STAGES, tabulate
 from kilnflight.publication import figures, style
 from kilnflight.scores.flights import DWELL
+from kilnflight.store import parallel
 from kilnflight.tracklets import tracked
 
 # %%
 style.use_style()
 origin = figures.trace("56_accuracy", {"scale": scale}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
-budget = accuracy.error_budget(results, jobs)
+pieces = [(each, results.tables.of(each.key)) for each in results.campaigns]
+parts = parallel.run_all(accuracy.budget, pieces, jobs)
+budget = campaigns.stack(dict(zip(results.measured, parts, strict=True)))
 whole = budget[budget["replaced_step"] == accuracy.WHOLE].reset_index(drop=True)
 
 # %% [markdown]

@@ -15,10 +15,10 @@ LEARNED = LearnedSettings(
 TRUE = pd.DataFrame(
     {
         "particle": [10, 11, 12],
-        "ending": ["burnt out", "landed", "landed"],
-        "dwell_s": [0.3, 0.4, 0.5],
-        "velocity_m_s": [5.0, 6.0, 7.0],
-        "ignition_s": [0.1, np.nan, np.nan],
+        "true_ending": ["burnt out", "landed", "landed"],
+        "true_dwell_s": [0.3, 0.4, 0.5],
+        "true_velocity_m_s": [5.0, 6.0, 7.0],
+        "true_ignition_s": [0.1, np.nan, np.nan],
         "measurable": [True, True, False],
     }
 )
