@@ -102,10 +102,8 @@ def remaining(values: FlightValues) -> tuple[Array, Index]:
     distances = scipy.stats.CensoredData(
         uncensored=far[~values.lost], right=far[values.lost]
     )
-    curve = scipy.stats.ecdf(distances).sf
-    share = 100.0 * np.asarray(curve.evaluate(marks))
-    unknown = (marks > far.max()) & (share > 0.0)
-    share[unknown] = np.nan
+    share = 100.0 * np.asarray(scipy.stats.ecdf(distances).sf.evaluate(marks))
+    share[(marks > far.max()) & (share > 0.0)] = np.nan
     return share, counted
 
 

@@ -73,7 +73,9 @@ def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
     monkeypatch.setitem(campaigns.FRAMES, "quick", 40)
     campaign = campaigns.campaigns("quick", LEARNED, scenario="small")[1]
     true = campaigns.true_positions(campaign)
-    true["gray"] = np.where(true["label"] == 2, accuracy.LIT_GRAY, accuracy.UNLIT_GRAY)
+    true["gray"] = np.where(
+        true["label"] == 2, accuracy.FULL_SCALE, accuracy.UNLIT_GRAY
+    )
 
     def starts(tracks):
         fits = accuracy.fit_tracks(campaign.run, tracks)

@@ -13,12 +13,7 @@ import pandas as pd
 from kilnflight import chain, regression
 from kilnflight.chain import Chain
 from kilnflight.experiments.flights import campaigns
-from kilnflight.experiments.flights.campaigns import (
-    Campaign,
-    Measurement,
-    counted_flights,
-    stack,
-)
+from kilnflight.experiments.flights.campaigns import Campaign, counted_flights, stack
 from kilnflight.experiments.flights.comparison import median_columns
 from kilnflight.experiments.flights.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
@@ -32,9 +27,7 @@ from kilnflight.tracklets import postprocess, tracked
 
 Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
-# Grey values of true positions are below and above that of the wall.
-UNLIT_GRAY = 1000.0
-LIT_GRAY = FULL_SCALE
+UNLIT_GRAY = 1000.0  # darker than the wall; lit particles are lighter than it
 SCATTER_MM = (6.9, 7.0, 156.9)  # RMSE in x, y, z (Table 5.18), medians over fractions
 WHOLE = "whole chain"
 AXES = ["x", "y", "z"]
@@ -97,7 +90,7 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     first = measured.slices[measured.slices["slice_m"] == 1.0]
     velocity = first.set_index("particle")["velocity_m_s"]
     ours = with_particles(measured)
-    ours["velocity_m_s"] = ours["track"].map(velocity).astype(np.float64)
+    ours["velocity_m_s"] = ours["track"].map(velocity)
     ours = ours.set_index(["track", "particle", "ending"])[[*QUANTITIES]]
     ours = ours.add_prefix("measured_").reset_index()
     false = ours[ours["particle"] < 0].assign(measurable=False)
@@ -116,7 +109,7 @@ def with_particles(measured: FlightTables) -> pd.DataFrame:
         ``particle`` is the true one (-1: none). ``dwell_s`` is NaN for lost flights.
     """
     flights = counted_flights(measured.flights).rename(columns={"particle": "track"})
-    particle = flights["track"].map(measured.particles).fillna(-1).astype(np.int64)
+    particle = flights["track"].map(measured.particles)
     dwell_s = flights["dwell_s"].mask(flights["ending"] == LOST)
     flights = flights.assign(particle=particle, dwell_s=dwell_s)
     length = (flights["last_s"] - flights["first_s"]).sort_values(kind="stable")
@@ -189,24 +182,6 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     return row
 
 
-def budget(campaign: Campaign, measured: Measurement) -> pd.DataFrame:
-    """Return the `errors` of one campaign with each step of the chain replaced.
-
-    Returns
-    -------
-    DataFrame
-        ``replaced_step`` (see `replace_steps`), the entries of `errors`; ``flights``
-        that count.
-    """
-    true = true_flights(campaign)
-    fits = regression.fits(measured.trajectories)
-    rows = []
-    for step, tables in replace_steps(campaign, measured.tracks, fits):
-        row = {"replaced_step": step, **errors(compare(tables, true))}
-        rows.append({**row, "flights": len(counted_flights(tables.flights))})
-    return pd.DataFrame(rows)
-
-
 def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
     """Return the true particle of each track, a Series over tracks; -1: none.
 
@@ -248,7 +223,7 @@ def replace_steps(
     """
     true = campaigns.true_positions(campaign)
     run = campaign.run
-    positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
+    positions = true.assign(gray=np.where(true["label"] == 2, FULL_SCALE, UNLIT_GRAY))
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
     linked, deep = with_truth(tracks, true_particles(tracks, true), true)
     exact = fit_tracks(run, positions)
@@ -278,10 +253,9 @@ def with_truth(
     z stay as measured. In the first table x, y, z (mm) become NaN if the depth is off
     by at least the tracker's gate: such points belong to the background.
     """
-    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
-    places = true.set_index(["frame", "particle"])[AXES].reindex(index)
-    places.index = tracks.index
     linked = tracks.assign(particle=owner)
+    places = linked[["frame", "particle"]].merge(true, "left")[AXES]
+    places.index = tracks.index
     linked.loc[(tracks["z"] - places["z"]).abs() >= Gate().depth_mm, AXES] = np.nan
     return linked, tracks.assign(**places.fillna(tracks[AXES]))
 
@@ -296,8 +270,7 @@ def fit_tracks(
     mm/s^k.
     """
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
-    rows = tracked(table)
-    scaled = rows.assign(**(rows[AXES] / list(scale_mm)))
+    scaled = table.assign(**(table[AXES] / list(scale_mm)))
     exit_point = np.divide(run.exit_point_mm, scale_mm)
     fitted = regression.regress_all(scaled, exit_point, run.frame_rate_hz)
     for axis, scale in zip(AXES, scale_mm, strict=True):
