@@ -98,7 +98,7 @@ def remaining(values: FlightValues) -> tuple[Array, Index]:
     marks = np.array(MARKS_M) - 1e-9  # reaching a mark counts as passing it
     counted = (~values.lost[:, None] | (far[:, None] >= marks)).sum(axis=0)
     if not len(far):
-        return np.full(len(marks), np.nan), counted
+        return np.nan * marks, counted
     distances = scipy.stats.CensoredData(
         uncensored=far[~values.lost], right=far[values.lost]
     )
