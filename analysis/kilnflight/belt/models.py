@@ -53,11 +53,9 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
     distance, velocity, acceleration
         (n,) in mm, mm/s, mm/s^2; the distance is positive.
     """
-    inside = velocity**2 + 2 * acceleration * distance
     with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(inside)
-        time = 2 * distance / (velocity + root)
-    return np.where((inside >= 0) & (velocity + root > 0), time, np.nan)
+        total = velocity + np.sqrt(velocity**2 + 2 * acceleration * distance)
+        return np.where(total > 0, 2 * distance / total, np.nan)
 
 
 @dataclass(frozen=True)
