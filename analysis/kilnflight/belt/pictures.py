@@ -10,7 +10,6 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Integers, Picture
@@ -34,14 +33,13 @@ def average(pictures: Iterable[Picture]) -> Picture:
     belt c is 140 and t is 40 grey values: no ghost below s = 0.29, not found above s =
     0.71, both in between.
     """
-    total: npt.NDArray[np.uint32] | None = None
-    for count, picture in enumerate(pictures, 1):
-        if total is None:
-            check_picture(picture, "pictures: number 1")
-            total = np.zeros(picture.shape, np.uint32)
-        check_picture(picture, f"pictures: number {count}", total.shape)
-        total += picture
-    if total is None:
+    total = np.zeros((), np.uint32)
+    count = 0
+    for picture in pictures:
+        count += 1
+        check_picture(picture, f"pictures: number {count}", total.shape or None)
+        total = total + picture
+    if not count:
         raise InputError(
             "pictures: none to take the background from; give at least one."
         )

@@ -260,12 +260,11 @@ def _cover(
                 right = np.float32(first[1] + j - col - ahead * moved)
                 u = abs(right * c + below * s) - length
                 v = abs(below * c - right * s) - width
-                distance = min(max(u, v), zero) - corner
+                away = max(u, v)
                 if u > zero and v > zero:  # the nearest point is a corner's
                     far = math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2)
-                    distance = np.float32(far) - corner
-                elif u > zero or v > zero:
-                    distance = max(u, v) - corner
+                    away = np.float32(far)
+                distance = away - corner
                 share += min(max(half - distance / soft, zero), one)
             mixed = np.float64(min(share / np.float32(count), one))
             value = np.float64(part[i, j])
