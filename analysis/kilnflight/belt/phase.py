@@ -273,7 +273,8 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     ends = followed.ends
     entering = ends.loc[(ends["valid"] == 1) & (ends["reason"] == LEFT), "particle"]
     measured = states[(states["row"] >= 0) & states["particle"].isin(entering)]
-    last = measured.sort_values(["particle", "frame"]).groupby("particle").tail(1)
+    ordered = measured.sort_values(["particle", "frame"])
+    last = ordered.drop_duplicates("particle", keep="last")
     table = last.assign(time_s=last["frame"] * frame_s)
     return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
 
@@ -306,9 +307,8 @@ def observe_followed(
     states = states.assign(time_s=states["frame"] * frame_s)
     x, y = measured[["x", "y"]].to_numpy()[states["row"]].T
     observed = phase.observe(states.assign(x=x, y=y))
-    filtered = states.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
-    keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
-    return observed._replace(last=filtered.loc[keys].reset_index()[BELT_LAST.names])
+    filtered = observed.last[["particle", "time_s"]].merge(states)
+    return observed._replace(last=filtered[BELT_LAST.names])
 
 
 def summarise_deviations(deviation: Array) -> dict[str, float]:

@@ -205,8 +205,8 @@ class MeasureSpots:
         DataFrame
             `kilnflight.tables.BELT_SPOTS`; no rows for an empty belt.
         """
-        measured = [self(picture, frame) for frame, picture in enumerate(pictures)]
-        frame = np.repeat(np.arange(len(measured)), [len(rows) for rows in measured])
-        rows = np.concatenate([np.empty((0, len(BELT_SPOTS.names) - 1)), *measured])
-        table = pd.DataFrame(np.column_stack([frame, rows]), columns=BELT_SPOTS.names)
-        return table.astype({"frame": np.int64, "touching": np.int64})
+        rows = [np.empty((0, len(BELT_SPOTS.names)))]
+        for frame, picture in enumerate(pictures):
+            rows.append(np.insert(self(picture, frame), 0, frame, axis=1))
+        table = pd.DataFrame(np.concatenate(rows), columns=BELT_SPOTS.names)
+        return table.astype(BELT_SPOTS.dtypes)
