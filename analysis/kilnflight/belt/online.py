@@ -24,7 +24,7 @@ from kilnflight.belt.pictures import MeasureSpots
 from kilnflight.belt.tracker import LEFT, BeltTracker, with_acceleration
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError, check_number
-from kilnflight.tables import BELT_LAST
+from kilnflight.tables import BELT_LAST, VALVE_EVENTS
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
@@ -130,10 +130,8 @@ class ValveSchedule:
             for open_s, close_s in windows
             if open_s < until_s
         )
-        opens, valves, closes = np.array(due, dtype=np.float64).reshape(-1, 3).T
-        return pd.DataFrame(
-            {"valve": valves.astype(np.int64), "open_s": opens, "close_s": closes}
-        )
+        events = pd.DataFrame(due, columns=["open_s", "valve", "close_s"])
+        return events[VALVE_EVENTS.names].astype(VALVE_EVENTS.dtypes)
 
     def _plan(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
         """Plan the opening of a valve from ``now_s`` on; merge it with those near it.

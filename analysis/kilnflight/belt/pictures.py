@@ -105,15 +105,16 @@ class Spots:
         """Return row and col (p, 2) of pixels in spots, and the spot of each (p,)."""
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
-        count, labels = cv2.connectedComponentsWithAlgorithm(
+        _, labels = cv2.connectedComponentsWithAlgorithm(
             mask, 8, cv2.CV_32S, cv2.CCL_GRANA
         )
-        if count == 1:
-            return np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
         # Few pixels are of spots: counting these takes a seventh of the time of
         # OpenCV's statistics of all of them.
-        pixels = np.asarray(cv2.findNonZero(mask), np.int32).reshape(-1, 2)[:, ::-1]
-        return pixels, np.asarray(labels, np.int32)[pixels[:, 0], pixels[:, 1]] - 1
+        found = cv2.findNonZero(mask)
+        if found is None:
+            found = np.zeros((0, 2), np.int32)
+        row, col = found.reshape(-1, 2).T[::-1]
+        return np.column_stack([row, col]), labels[row, col] - 1
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
         """Return these spots with the median area of all as that of one particle.

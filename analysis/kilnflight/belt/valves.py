@@ -124,11 +124,9 @@ class ValveBar:
         ``predicted`` is `kilnflight.tables.BELT_PREDICTED`.
         `kilnflight.belt.online.ValveSchedule` takes predictions as they become known.
         """
-        valve, opens, closes = self.windows(predicted)
-        order = np.lexsort((opens, valve))
-        valve = valve[order]
-        opens = opens[order]
-        closes = closes[order]
+        windows = self.windows(predicted)
+        order = np.lexsort((windows[1], windows[0]))
+        valve, opens, closes = (column[order] for column in windows)
         first = np.diff(valve, prepend=-1) != 0
         first[1:] |= self.are_apart(closes[:-1], opens[1:])
         # All windows are equally long, so the last of those merged closes last.

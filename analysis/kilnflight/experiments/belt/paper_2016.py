@@ -212,10 +212,9 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     squares = (table["x"] - table["x_true"]) ** 2 + (table["y"] - table["y_true"]) ** 2
     by_pair = squares.groupby([table["particle"], table["particle_true"]])
     pairs = by_pair.agg(["size", "mean"]).reset_index()
-    lengths = states.groupby("particle").size()
-    pairs = pairs[pairs["size"] == pairs["particle"].map(lengths)]
-    pairs = pairs.loc[pairs.groupby("particle")["mean"].idxmin()]
-    return pairs.set_index("particle")["particle_true"]
+    whole = pairs["size"] == pairs["particle"].map(states["particle"].value_counts())
+    nearest = pairs[whole].groupby("particle")["mean"].idxmin()
+    return pairs.loc[nearest].set_index("particle")["particle_true"]
 
 
 def deviations(
