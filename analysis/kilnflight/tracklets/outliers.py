@@ -202,9 +202,8 @@ class Cutting:
         detections before to the `LEAST_PART` after must be impossible, in the same
         direction.
         """
-        steps = np.zeros(len(depth) - 1, dtype=np.bool_)
         if len(depth) < 2 * LEAST_PART:
-            return steps
+            return np.zeros(len(depth) - 1, dtype=np.bool_)
         both = np.stack([time, depth])
         around = sliding_window_view(both, 2 * LEAST_PART, axis=1)
         before = around[:, :, :LEAST_PART, None]
@@ -213,5 +212,4 @@ class Cutting:
         limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
         away = (step > limit).all(axis=(1, 2))
         back = (-step > limit).all(axis=(1, 2))
-        steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = away | back
-        return steps
+        return np.pad(away | back, LEAST_PART - 1)

@@ -178,10 +178,8 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
     along = (before * after).sum(axis=1)
     step = after - before
     change = np.hypot(step[:, 0], step[:, 1])
-    # The arctangent of 0 and -0 would be 180 degrees.
-    standing = (across == 0.0) & (along == 0.0)
-    angle = np.where(standing, 0.0, np.degrees(np.arctan2(np.abs(across), along)))
-    return angle, change
+    # Without + 0.0 the angle of 0 and -0 would be 180 degrees.
+    return np.degrees(np.arctan2(np.abs(across), along + 0.0)), change
 
 
 def means(part: Integers, values: Array, count: int) -> Array:
