@@ -292,7 +292,7 @@ class Joining(PathStep):
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
             start = paths.place[last[i], :2]
             end = paths.place[first[k], :2]
-            period = int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())
+            period = paths.frame[first[i]], paths.frame[last[[i, k]]].max()
             energy[n] = level_edge(
                 start, end, period, differences, self.half_width, self.average
             )
@@ -415,8 +415,8 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     common frame, the earlier one ends before the later one starts, and the later one
     starts after the earlier ends.
     """
-    low = int(paths.frame.min(initial=0))
-    width = int(paths.frame.max(initial=0)) - low + 2
+    low = paths.frame.min(initial=0)
+    width = paths.frame.max(initial=0) - low + 2
     key = paths.names() * width + paths.frame - low  # ascends
     first = paths.frame[paths.starts[k]] - low
     last = paths.frame[paths.starts[i + 1] - 1] - low
@@ -482,7 +482,7 @@ def _once(pairs: Candidates) -> Candidates:
     used = set[int]()
     chosen = list[int]()
     for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
-        pair = int(pairs.earlier[k]), int(pairs.later[k])
+        pair = pairs.earlier[k], pairs.later[k]
         if used.isdisjoint(pair):
             used.update(pair)
             chosen.append(k)

@@ -106,7 +106,7 @@ class OutlierRemoval(PathStep):
     def _turned(self, before: Array, after: Array) -> Flags:
         """Return which velocities (n, 2) in px/frame change as in Eq. 4.18, (n,)."""
         angle, change = turns(before, after)
-        return np.asarray((angle > self.angle_deg) & (change > self.change))
+        return (angle > self.angle_deg) & (change > self.change)
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Cutting:
         step = np.diff(place / ahead[:, None], axis=0)
         nearer = np.minimum(ahead[1:], ahead[:-1])
         across = np.hypot(step[:, 0], step[:, 1]) * nearer
-        return np.asarray(across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM)
+        return across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM
 
     def _along(self, time: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) along the line of sight are impossible and last.
