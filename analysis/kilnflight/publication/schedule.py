@@ -135,12 +135,6 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
     return waited
 
 
-def in_order(sources: Sequence[Path]) -> list[Path]:
-    """Return notebooks by their length, the longest first."""
-    order = {name: k for k, name in enumerate(LONGEST)}
-    return sorted(sources, key=lambda source: order.get(number(source), len(order)))
-
-
 def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
     """Execute the notebooks that are out of date; return the exit status.
 
@@ -150,7 +144,10 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
     if not stale:
         return 0
     stale += [each for each in wanted if number(each) in SUMMARY]
-    waiting = in_order([*dict.fromkeys(stale)])
+    order = {name: k for k, name in enumerate(LONGEST)}
+    waiting = sorted(
+        dict.fromkeys(stale), key=lambda each: order.get(number(each), len(order))
+    )
     before = {each: waits_for(each, waiting, plan.scale) for each in waiting}
     plan.build.mkdir(parents=True, exist_ok=True)
     write_whole(plan.build / "ran", b"")  # the pages are older now

@@ -28,16 +28,16 @@ class Paths(NamedTuple):
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def usual_speeds(self, some: Index) -> tuple[Array, Array]:
-        """Return the median and the largest speed (m,) of tracklets in px/frame.
+    def usual_speeds(self, some: Index) -> Array:
+        """Return the median and the largest speed (2, m) of tracklets in px/frame.
 
-        It is 0 without a step, and for tracklets that are not among ``some``.
+        They are 0 without a step, and for tracklets that are not among ``some``.
         """
         names, points = ranges(self.starts[some], self.starts[some + 1])
         path, speed = step_speeds(some[names], self.frame[points], self.place[points])
         found = pd.Series(speed).groupby(path).agg(["median", "max"])
         every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
-        return every["median"].to_numpy(), every["max"].to_numpy()
+        return every.to_numpy().T
 
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
@@ -178,10 +178,8 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
     along = (before * after).sum(axis=1)
     step = after - before
     change = np.hypot(step[:, 0], step[:, 1])
-    # The arctangent of 0 and -0 would be 180 degrees.
-    standing = (across == 0.0) & (along == 0.0)
-    angle = np.where(standing, 0.0, np.degrees(np.arctan2(np.abs(across), along)))
-    return angle, change
+    # Without + 0.0 the angle of 0 and -0 would be 180 degrees.
+    return np.degrees(np.arctan2(np.abs(across), along + 0.0)), change
 
 
 def means(part: Integers, values: Array, count: int) -> Array:
@@ -191,7 +189,7 @@ def means(part: Integers, values: Array, count: int) -> Array:
     """
     number = np.bincount(part, minlength=count)
     total = np.bincount(part, values, minlength=count)
-    return np.asarray(total / np.maximum(number, 1))
+    return total / np.maximum(number, 1)
 
 
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
