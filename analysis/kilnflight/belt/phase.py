@@ -445,7 +445,7 @@ def predictions(
         if arrival not in times:
             # The paper gives IV all particles, "the most favorable conditions".
             sample = every if isinstance(arrival, IV) else known
-            fitted = arrival.calibrated(*sample, phase.target_mm)
+            fitted = arrival.calibrated(sample[0], sample[1], phase.target_mm)
             times[arrival] = fitted(last, phase.target_mm)
         place = lateral.calibrated(*known)
         yield name, times[arrival], place(last, times[arrival] - last["time_s"])
