@@ -129,8 +129,10 @@ class Ignition:
         values = light
         if self.above_background:
             values = light - behind
-        splits = _splits(len(values))
-        if splits < 1:
+        count = len(values)
+        splits = count - 2 * LEAST_POINTS + 1
+        # Otherwise even the clearest step could be chance: p = splits / C(n, n // 2).
+        if not 1 <= splits <= SIGNIFICANCE * math.comb(count, count // 2):
             return IgnitionResult(TOO_FEW)
         split, deviation = best_step(values, LEAST_POINTS)
         if split < 0:
@@ -155,17 +157,6 @@ class Ignition:
             moment = float(time[split - 1] + time[split]) / 2
             found = found._replace(outcome=SEEN, time_s=moment)
         return found
-
-
-def _splits(count: int) -> int:
-    """Return the number of places of a step among ``count`` values.
-
-    It is 0 if even the clearest step, p = splits / C(n, n // 2), could be chance.
-    """
-    splits = count - 2 * LEAST_POINTS + 1
-    if splits > SIGNIFICANCE * math.comb(count, count // 2):
-        return 0
-    return splits
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
@@ -222,7 +213,7 @@ def rank_sum_p(before: Array, after: Array) -> float:
     the p-value is too large rather than too small.
     """
     values = np.append(before, after)
-    earlier = np.arange(len(before) + len(after)) < len(before)
+    earlier = np.arange(len(values)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
     method: Literal["exact", "asymptotic"] = "exact"
     if len(values) > 200:

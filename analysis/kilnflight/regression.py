@@ -373,8 +373,7 @@ def trajectory_solver(
         at = _downhill(cost, int(np.argmin(np.abs(grid - first))))
         start = grid[at]
         rising = slope(start, orders)
-        side = at - 1 if rising > 0 else at + 1
-        other = grid[np.clip(side, 0, GRID - 1)]
+        other = grid[np.clip(at - int(np.sign(rising)), 0, GRID - 1)]
         if rising * slope(other, orders) < 0:
             start = brentq(slope, start, other, (orders,), xtol=1e-14)
         return start, fitted(np.array([start]), orders)[:, 0]

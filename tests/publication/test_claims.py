@@ -4,10 +4,9 @@ import pandas as pd
 import pytest
 
 from kilnflight.publication import claims, figures, verdicts
-from kilnflight.publication.figures import Provenance
 from kilnflight.store import paths
 
-MADE = Provenance("00_claims")
+MADE = figures.trace("00_claims", {})
 
 
 def test_a_claim_has_one_of_three_verdicts_and_a_cause_only_where_it_fails(monkeypatch):

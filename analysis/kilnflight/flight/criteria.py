@@ -73,7 +73,7 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     apart = known - fit.exit_point_mm
     distance = float(np.median(np.linalg.norm(apart, axis=1)))
     gone = -np.median(apart[:, 2])
-    across = np.median(np.hypot(apart[:, 0], apart[:, 1]))
+    across = np.median(np.hypot(*apart[:, :2].T))
     cone = CONE * (gone + DEPTH_SCATTER_MM) + ACROSS_SCATTER_MM
     near = -DEPTH_SCATTER_MM <= gone <= WITHIN_MM and across <= cone
     forwards = fit.velocity(fit.t0)[0, 2] < 0
@@ -135,13 +135,14 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     off = outside(time)
     wall_mm = off[count - 1] + in_air.threshold_mm
     beyond = off >= -TOUCH_MM
-    if not beyond.any():
-        return FlightEnd(landed=False, end_s=fit.last_s, wall_mm=wall_mm)
-    k = np.argmax(beyond)
-    end = time[k]
-    if k > 0 and off[k - 1] < 0 < off[k]:
-        end = brentq(lambda t: outside(t)[0], time[k - 1], time[k], xtol=1e-9)
-    return FlightEnd(landed=True, end_s=end, wall_mm=wall_mm)
+    landed = bool(beyond.any())
+    end = fit.last_s
+    if landed:
+        k = np.argmax(beyond)
+        end = time[k]
+        if k > 0 and off[k - 1] < 0 < off[k]:
+            end = brentq(lambda t: outside(t)[0], time[k - 1], time[k], xtol=1e-9)
+    return FlightEnd(landed=landed, end_s=end, wall_mm=wall_mm)
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ def _flight(
     if not landed:
         # The last detections may have no depth and so be unknown to the fit.
         ending = ""
-        end_s = time[-1]
+        end_s = max(end_s, time[-1])
     ignition = IgnitionResult(NONE)
     if rules.ignition is not None:
         flying = track[time <= end_s]
@@ -204,8 +204,8 @@ def _flight(
         refused = rules.plausible(fit, end_s, wall, in_air)
     return {
         "t0_s": fit.t0,
-        "first_s": time[0],
-        "last_s": time[-1],
+        "first_s": min(fit.first_s, time[0]),
+        "last_s": max(fit.last_s, time[-1]),
         "end_s": end_s,
         "dwell_s": end_s - fit.t0,
         "ending": ending,

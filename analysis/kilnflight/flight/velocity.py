@@ -151,11 +151,9 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
         One row per slice: ``slice_m``, ``number`` of particles, ``share`` of
         ``counted`` (0 to 1) and ``median_m_s``.
     """
-    columns = {
-        "number": ("particle", "nunique"),
-        "median_m_s": ("velocity_m_s", "median"),
-    }
-    table = sliced.groupby("slice_m").agg(**columns).reset_index()
+    table = sliced.groupby("slice_m", as_index=False).agg(
+        number=("particle", "nunique"), median_m_s=("velocity_m_s", "median")
+    )
     table.insert(2, "share", table["number"] / max(counted, 1))
     return table
 

@@ -85,11 +85,9 @@ class Plan:
         executed = self.build / f"{source.stem}.ipynb"
         if not (executed.is_file() and stamp.is_file()):
             return False
-        if stamp.read_text("utf-8") != self.stamp(source):
-            return False
-        if not saved.is_file():
-            return True
-        return all(Path(file).is_file() for file in saved.read_text().splitlines())
+        files = saved.read_text().splitlines() if saved.is_file() else []
+        there = all(Path(file).is_file() for file in files)
+        return there and stamp.read_text("utf-8") == self.stamp(source)
 
 
 def number(source: Path) -> str:
@@ -123,11 +121,11 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
     others = set(stale) - {source}
     if own in SUMMARY:
         return {each for each in others if number(each) not in SUMMARY}
-    first = set()
-    if own != COMPILES and not own.startswith("4"):
-        first = {COMPILES}
-    if own.startswith("5") and own != CAMPAIGNS:
-        first.add(CAMPAIGNS)
+    first = []
+    if not own.startswith("4"):
+        first.append(COMPILES)
+    if own.startswith("5"):
+        first.append(CAMPAIGNS)
     waited = {each for each in others if number(each) in first}
     if own == CAMPAIGNS and scale == "full":
         late = ("5", *SUMMARY)

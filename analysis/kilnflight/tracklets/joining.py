@@ -266,12 +266,10 @@ class Joining(PathStep):
         allowed &= regularity(names, frame, place) > _FALSE.regularity
         allowed[part[sharp[within]]] = False
         allowed[path[speed > limit[path]]] = False
-        deep = np.flatnonzero(~np.isnan(place[:, 2]))
-        deep_names = names[deep]
-        within = np.diff(deep_names) == 0
-        frames = np.maximum(np.diff(frame[deep]), 1)
-        rate = (np.abs(np.diff(place[deep, 2])) / frames)[within]
-        deeper = deep_names[1:][within]
+        deep = ~np.isnan(place[:, 2])
+        within = np.diff(names[deep]) == 0
+        rate = np.abs(velocities(frame[deep], place[deep, 2:])[within, 0])
+        deeper = names[deep][1:][within]
         cost = means(part, turned, count)
         cost += self.costs.depth * means(deeper, rate, count)
         allowed[deeper[rate >= self.depth]] = False  # Eq. 4.22
@@ -431,12 +429,11 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     point = point[both]
     match = match[both]
     common = np.bincount(pair, minlength=len(i))
-    rows, cols = (paths.place[point, :2] - paths.place[match, :2]).T
-    apart = np.hypot(rows, cols)
+    apart = np.hypot(*(paths.place[point, :2] - paths.place[match, :2]).T)
     distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
-    ends = np.cumsum(common)[common > 0]
-    before[common > 0] = point[ends - common[common > 0]] + 1
-    after[common > 0] = match[ends - 1]
+    # The last assignment counts: the first common frame, then the last one.
+    before[pair[::-1]] = point[::-1] + 1
+    after[pair] = match
     return Overlap(common=common, distance=distance, until=before, since=after)
 
 
@@ -510,8 +507,7 @@ def _step_over_gap(paths: Paths, pairs: Candidates) -> Array:
     """Return the step (p,) in px from the end of one to the start of the other."""
     start = paths.place[paths.starts[pairs.later], :2]
     end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
-    rows, cols = (start - end).T
-    return np.hypot(rows, cols)
+    return np.hypot(*(start - end).T)
 
 
 def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
@@ -562,5 +558,4 @@ def _take(table: Any, chosen: Flags | Integers) -> Any:
 
 def _mean(first: Array, second: Array) -> Array:
     """Return the mean of two arrays of places; of a NaN and a value, the value."""
-    mean = (first + second) / 2
-    return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))
+    return (np.fmin(first, second) + np.fmax(first, second)) / 2

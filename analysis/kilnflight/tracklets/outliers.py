@@ -174,9 +174,9 @@ class Cutting:
             points = path[known[path]]
             if len(points) > 1:
                 time = paths.frame[points] / frame_rate_hz
-                z, x, y = paths.place[points, 2:].T
-                across = self._across(time, np.stack([x, y], axis=1), z)
-                cuts[points[1:]] = across | self._along(time, z)
+                depth = paths.place[points, 2]
+                across = self._across(time, paths.place[points, 3:], depth)
+                cuts[points[1:]] = across | self._along(time, depth)
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
@@ -192,7 +192,7 @@ class Cutting:
         ahead = np.where(depth > 0, depth, np.nan)
         step = np.diff(place / ahead[:, None], axis=0)
         nearer = np.minimum(ahead[1:], ahead[:-1])
-        across = np.hypot(step[:, 0], step[:, 1]) * nearer
+        across = np.hypot(*step.T) * nearer
         return across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM
 
     def _along(self, time: Array, depth: Array) -> Flags:

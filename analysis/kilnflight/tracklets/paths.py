@@ -164,8 +164,7 @@ def step_speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]
     ``names`` (n,) is the path of each point; points are sorted by path and frame.
     """
     within = np.diff(names) == 0
-    velocity = velocities(frame, place)[within]
-    return names[1:][within], np.hypot(velocity[:, 0], velocity[:, 1])
+    return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
@@ -176,8 +175,7 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
-    step = after - before
-    change = np.hypot(step[:, 0], step[:, 1])
+    change = np.hypot(*(after - before).T)
     # Without + 0.0 the angle of 0 and -0 would be 180 degrees.
     return np.degrees(np.arctan2(np.abs(across), along + 0.0)), change
 
