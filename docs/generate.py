@@ -188,8 +188,14 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
             "result": " ".join(results),
             "shown": shown,
         }
-        rows.append(row | claims.count(part))
-    return rows, {"claims": len(judged), **claims.count(judged)}
+        rows.append(row | counts(part))
+    return rows, {"claims": len(judged), **counts(judged)}
+
+
+def counts(judged: pd.DataFrame) -> dict[str, int]:
+    """Return the number of claims with each verdict, in the order of `VERDICTS`."""
+    found = judged["verdict"].value_counts()
+    return {verdict: int(found.get(verdict, 0)) for verdict in claims.VERDICTS}
 
 
 def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
