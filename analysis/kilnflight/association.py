@@ -524,9 +524,7 @@ def _order(graph: _Graph, start: int, most: int) -> tuple[list[int], float]:
     states = 0.0
     while candidates:
         touched = frontier.union(order)
-        growth = {
-            v: len(graph[v].keys() - touched) - (v in frontier) for v in candidates
-        }
+        growth = {v: len(set(graph[v]) - touched) - (v in frontier) for v in candidates}
         order.append(min(growth, key=lambda v: (growth[v], v not in frontier, v)))
         frontier = frontier.union(graph[order[-1]]).difference(order)
         candidates = frontier.union(*(graph[v] for v in frontier)).difference(order)

@@ -257,9 +257,9 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
 
     Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in
     px in place of row, col is renamed. ``span`` is the number of frames since the last
-    frame with detections, 0 in the first one. Unknown z and points are NaN. Within
-    a frame, detections are sorted by row, col, z, points: ids of new tracks and ties
-    then do not depend on the order of the table.
+    frame with detections, 0 in the first one. Unknown z and points are NaN, or None
+    where all are. Within a frame, detections are sorted by row, col, z, points: ids of
+    new tracks and ties then do not depend on the order of the table.
     """
     table = with_pixels(table)
     rows = np.arange(len(table))
@@ -276,18 +276,25 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
         points = np.where(points > 0, points, np.nan)
     order = np.lexsort((points, z, col, row, frames))
     places = np.stack([row, col], axis=1)
+    depth = _unless_unknown(z)
+    sizes = _unless_unknown(points)
     numbers, starts = np.unique(frames[order], return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1])
     parts = np.split(order, starts[1:])
     for number, span, part in zip(numbers, spans, parts, strict=False):
         yield Detected(
             positions=places[part],
-            depth_mm=z[part],
-            points=points[part],
+            depth_mm=None if depth is None else depth[part],
+            points=None if sizes is None else sizes[part],
             frame=int(number),
             span=float(span),
             rows=rows[part],
         )
+
+
+def _unless_unknown(values: Array) -> Array | None:
+    """Return the values, or None if all are NaN, which saves time in the gate."""
+    return None if np.isnan(values).all() else values
 
 
 def _newborn(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> Tracks:
