@@ -39,7 +39,7 @@ frames = frames or labelled.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = labelled.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
-window = labelled.WINDOWS[scale]  # as printed in a full run; else few frames
+window = labelled.BACKGROUNDS[scale].window  # as printed in a full run; else few frames
 for name in ("Mean", "Median", "Adaptive"):
     models[name] = replace(models[name], window=min(window, models[name].window))
 
@@ -157,7 +157,9 @@ for each in subsets:
     kept = each._replace(recording=Kept(each.recording))
     for reading, name in product(readings, models):
         model = replace(models[name], absolute=readings[reading])
-        found[reading, name, each.name] = labelled.score_methods([kept], methods, model)
+        found[reading, name, each.name] = labelled.score_methods(
+            [kept.with_background(model)], methods
+        )
 parts = []
 tuned_parts = []
 for reading, name in product(readings, models):
@@ -168,8 +170,7 @@ for reading, name in product(readings, models):
     parts.append(
         every[every["method"] == fixed].rename(columns={"method": "threshold"})
     )
-    tried = labelled.mark_chosen(every[every["method"] != fixed])
-    tuned_parts.append(tried[tried["chosen"]])
+    tuned_parts.append(labelled.at_chosen(every[every["method"] != fixed]))
 attempts = pd.concat(parts, ignore_index=True)
 tuned = pd.concat(tuned_parts, ignore_index=True)
 
@@ -227,10 +228,11 @@ figures.save(
 
 # %%
 # without the burner's flame, as it is scored
-_, view = next(labelled.subset_views(subset))
+view = subset.views()[0]
 keypoints = labelled.sift(fixed)(view.foreground)
-size = {"width_mm": 120, "height_mm": 92}
-picture = plots.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
+picture, ((axes,),) = style.canvas(width_mm=120, height_mm=92)
+style.draw_frame(axes, gray)
+plots.draw_keypoints(axes, keypoints, roi)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     f"SIFT in a simulated frame of {subset.name} after the median background, each a "

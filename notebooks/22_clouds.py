@@ -34,7 +34,6 @@ from kilnflight.detection import (
     k_distances,
 )
 from kilnflight.detection.combination import centers, sort_clusters
-from kilnflight.detection.quasi_centers import nearest_neighbors
 from kilnflight.experiments import plots
 from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import choices, claims, figures, style
@@ -198,25 +197,19 @@ for row in settings["QCC"].itertuples():
     clusterers["QCC", row.Index] = QuasiClusterCenters(row.K, row.alpha)
 
 
-search = labelled.remembered(
-    lambda xyz: nearest_neighbors(xyz, labelled.MOST_NEIGHBORS)
-)
-
-
 def clustered(clusterer, view):
     """Return the mean pixel of each cluster; settings of QCC share one search."""
-    if isinstance(clusterer, QuasiClusterCenters):
-        labels = clusterer.spread(view.xyz, search(view.xyz))
-    else:
-        labels = clusterer(view.xyz)
+    labels = labelled.cluster_cloud(clusterer, view.xyz)
     return centers(sort_clusters(view.pixels, view.xyz, labels))
 
 
 def attempt(subsets, clusterers):
     """Return the attempts of clusterers, with the background of fewest frames."""
+    search = labelled.search_neighbors
     methods = {("search", 0): lambda view: search(view.xyz)[:0, :2]}  # detects nothing
     methods |= {key: partial(clustered, each) for key, each in clusterers.items()}
-    attempts = labelled.score_methods(subsets, methods, TwoFrame())
+    subsets = [subset.with_background(TwoFrame()) for subset in subsets]
+    attempts = labelled.score_methods(subsets, methods)
     attempts[["family", "row"]] = attempts["method"].to_list()
     searched = attempts["family"] == "search"
     attempts["spent"] = attempts["seconds"].where(searched)

@@ -42,9 +42,10 @@ origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=
 subsets = labelled.labelled_subsets(scale, seed, frames)
 subset = {subset.name: subset for subset in subsets}["V4"]  # the most particles
 known = subset.recording.attributes
-t, view = next(labelled.subset_views(subset))
-best = labelled.chosen_thresholds(labelled.compare_thresholds(subsets, scale))
-threshold = float(best[subset.name])  # best on the other subsets
+view = subset.views()[0]
+t = view.number
+chosen = labelled.score_at_chosen(subsets, scale).groupby("subset")["threshold"]
+threshold = float(chosen.first()[subset.name])  # best on the other subsets
 
 # %% [markdown]
 # ## The flame is removed
@@ -97,10 +98,12 @@ print(
 )
 
 # %%
-size = {"width_mm": style.PAGE_MM, "height_mm": 135}
-picture = plots.draw_keypoints_and_clusters(
-    view.gray, keypoints, clusters, known.roi, **size
-)
+picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=135)
+style.draw_frame(axes, view.gray, step=4)
+turn = np.arange(number) % 6 + 1  # six colours tell clusters apart
+colour = np.array(style.COLOURS)[np.repeat(turn, np.diff(clusters.start))]
+axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=colour)
+plots.draw_keypoints(axes, keypoints, known.roi)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in a "

@@ -105,7 +105,7 @@ def eleven_methods(rule, subset, clusters):
 
 # %%
 absolute = replace(labelled.BACKGROUNDS[scale], absolute=True)
-darker = [subset._replace(background=absolute, cache={}) for subset in subsets]
+darker = [subset.with_background(absolute) for subset in subsets]
 readings = {
     "ours": (subsets, labelled.OURS),
     "D1": (subsets, Combination(DoG(edge=10.0))),
@@ -121,8 +121,8 @@ if scale == "full":
 # %%
 def detect(subsets, rule, shared):
     """Return the attempts of the eleven methods; ``shared`` are clusters by subset."""
-    tried = labelled.compare_thresholds(subsets, scale, rule)
-    thresholds = labelled.chosen_thresholds(tried)
+    chosen = labelled.score_at_chosen(subsets, scale, rule)
+    thresholds = chosen.groupby("subset")["threshold"].first()
     parts = []
     for subset in subsets:
         threshold = float(thresholds[subset.name])

@@ -50,9 +50,7 @@ subsets = labelled.labelled_subsets(scale, seed, frames)
 # two clusters. The cylinder of the first subset serves all. The true radius is 700 mm.
 
 # %%
-walls = {
-    each.name: labelled.wall_points(each.recording, each.frames[0]) for each in subsets
-}
+walls = {each.name: labelled.wall_points(each) for each in subsets}
 geometry = subsets[0].recording.scene.geometry
 fits = {}
 for name, wall in walls.items():
@@ -124,12 +122,19 @@ figures.save(
 # of SIFT with DBSCAN.
 
 # %%
-best = labelled.chosen_thresholds(labelled.compare_thresholds(subsets, scale))
+chosen = labelled.score_at_chosen(subsets, scale).groupby("subset")["threshold"]
 detectors = {
     name: Combination(labelled.sift(float(threshold)))
-    for name, threshold in best.items()
+    for name, threshold in chosen.first().items()
 }
-marked, detected = labelled.positions(subsets, detectors, fit)
+marked = labelled.place_marked(subsets, fit)
+parts = []
+for subset in subsets:
+    roi = subset.recording.attributes.roi
+    for view in subset.views():
+        found = detectors[subset.name](view, roi, view.number)
+        parts.append(found.assign(subset=subset.name))
+detected = labelled.with_distance(pd.concat(parts, ignore_index=True), fit)
 placed = marked.dropna(subset="distance_mm")
 on_wall = placed["label"] == 4
 distance = placed["distance_mm"]

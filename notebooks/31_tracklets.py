@@ -94,7 +94,7 @@ rows = []
 for fractions in (*([name] for name in windows), list(windows)):
     others = scores.Group(fractions, ["Hungarian"])
     ours = scores.Group(fractions, ["dual nearest"])
-    rows.append(scores.difference(cells, scores.Contrast(others, ours, ["alpha"])))
+    rows.append(scores.difference(cells, others, ours, ["alpha"]))
 names = {
     "tracker": "step",
     "recomputed": "alpha_difference",

@@ -111,8 +111,7 @@ figures.save(
 # %%
 parts = {}
 for campaign, ours in accuracy.matched(results):
-    known = accuracy.with_particles(ours)
-    known = known.loc[known["longest"] | (known["particle"] < 0), ["track", "particle"]]
+    known = accuracy.with_particles(ours)[["track", "particle"]]
     names = {"particle": "track", "velocity_m_s": "measured_m_s"}
     measured = ours.slices.rename(columns=names).merge(known, on="track")
     measured = measured[measured["slice_m"] > 0]  # not behind the lance

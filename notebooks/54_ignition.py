@@ -37,6 +37,7 @@ from kilnflight.experiments.flights import (
     variants,
 )
 from kilnflight.experiments.flights.campaigns import KEYS
+from kilnflight.flight.empty import background_gray
 from kilnflight.ignition import Ignition
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.scores import intervals
@@ -72,8 +73,28 @@ both = accuracy.compare_campaigns(results)
 # holds if fewer than 5 % of the unlit chips and granules with enough points to judge
 # light up, with the whole interval.
 
+
 # %%
-traces = ignition.trace_shares(results, both, Ignition())
+def trace_shares(test):
+    """Return how many flights light up by a test, one row per campaign."""
+    rows = {}
+    for campaign in results.campaigns:
+        tables = results.tables.of(campaign.key)
+        flights = campaigns.counted_flights(tables.flights)
+        tracks = tables.tracks.merge(flights["particle"])
+        source = campaign.run.detection.source
+        tracks = tracks.assign(
+            background=background_gray(tracks, source, campaign.frames),
+            time_s=tracks["frame"] / campaign.run.frame_rate_hz,
+        )
+        known = campaigns.of_campaign(both, campaign.key)
+        known = known.query("track >= 0 and particle >= 0").set_index("track")
+        ignites = known["true_ignition_s"].notna()
+        rows[campaign.key] = ignition.count_lit(flights, tracks, ignites, test)
+    return campaigns.rows_by_campaign(rows)
+
+
+traces = trace_shares(Ignition())
 
 # %% tags=["hide-input"]
 chosen = [each for each in results.campaigns if each.pressure_bar == 4.5]
@@ -126,10 +147,10 @@ papers = [key for key in keys if key[0] in comparison.PAPERS]
 rows = {}
 for key in papers:
     error = accuracy.errors(campaigns.of_campaign(both, key))
-    lit = int(error["lit"])
-    lit_detected = int(error["lit_detected"])
-    unlit = int(error["unlit"])
-    unlit_detected = int(error["unlit_detected"])
+    lit = error["lit"]
+    lit_detected = error["lit_detected"]
+    unlit = error["unlit"]
+    unlit_detected = error["unlit_detected"]
     rows[key] = {
         "detected_particles": error["detected_particles"],
         "lit": lit,
@@ -267,7 +288,7 @@ def judge(false, recovery, orders):
     numbers = [len(each.ignition_s) for each in results.measured.values()]
     holds = comparison.if_complete(numbers, answers)
     ends = f"{100 * false.low:.1f} to {100 * false.high:.1f}"
-    percent = f"{100 * false.estimate:.1f} % of {false.numbers[0]} ({ends})"
+    percent = f"{100 * false.estimate:.1f} % of {false.number} ({ends})"
     above = f"{(orders['low'] > 0).sum()} of {len(orders)} differences"
     off = recovery["error"].map("{:+.0f}".format)
     confetti_off = ", ".join(off[confetti & ignited])
@@ -294,7 +315,7 @@ checks = judge(false, recovery, orders)
 
 # %%
 alone = variants.varied(results, variants.gray_alone, jobs)
-gray = ignition.trace_shares(results, both, Ignition(above_background=False))
+gray = trace_shares(Ignition(above_background=False))
 gray_false = false_share(gray, "unlit_up")
 gray_recovery = recover(alone.measured)
 gray_checks = judge(gray_false, gray_recovery, differ(alone.measured))
@@ -339,7 +360,7 @@ compared = [
 # %%
 sums = table.sum(numeric_only=True)
 result = (
-    f"Of {false.numbers[0]} unlit wood chips and PE granules {false.estimate:.0%} seem "
+    f"Of {false.number} unlit wood chips and PE granules {false.estimate:.0%} seem "
     "to ignite. Of the detected papers the test finds "
     f"{sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning and calls "
     f"{sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones burning."

@@ -24,19 +24,38 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
+from kilnflight import regression
 from kilnflight.experiments import plots
 from kilnflight.experiments.flights import accuracy, campaigns, trackers, tracking
 from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.experiments.flights.track_scores import STAGES, tabulate
 from kilnflight.publication import figures, style
 from kilnflight.scores.flights import DWELL
+from kilnflight.store import parallel
 from kilnflight.tracklets import tracked
 
 # %%
 style.use_style()
 origin = figures.trace("56_accuracy", {"scale": scale}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
-budget = accuracy.error_budget(results, jobs)
+
+
+def replaced(campaign, measured):
+    """Return the errors of one campaign with each step of the chain replaced."""
+    true = accuracy.true_flights(campaign)
+    fits = regression.fits(measured.trajectories)
+    rows = []
+    for step, tables in accuracy.replace_steps(campaign, measured.tracks, fits):
+        found = accuracy.errors(accuracy.compare(tables, true))
+        flights = len(campaigns.counted_flights(tables.flights))
+        rows.append({"replaced_step": step, **found, "flights": flights})
+    return pd.DataFrame(rows)
+
+
+# %%
+pieces = [(each, results.tables.of(each.key)) for each in results.campaigns]
+parts = parallel.run_all(replaced, pieces, jobs)
+budget = campaigns.stack(dict(zip(results.measured, parts, strict=True)))
 whole = budget[budget["replaced_step"] == accuracy.WHOLE].reset_index(drop=True)
 
 # %% [markdown]

@@ -207,7 +207,7 @@ class PDA:
         """Return the weights beta (p,) of Eq. 4.10."""
         log_e, log_sum = self._logs(pairs)
         np.logaddexp.at(log_sum, pairs.track, log_e)
-        return np.asarray(np.exp(log_e - log_sum[pairs.track]))
+        return np.exp(log_e - log_sum[pairs.track])
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
         """Return the log weights ln e_j (p,) of pairs and ln b (n,) of missed tracks.
@@ -256,10 +256,8 @@ class JPDA(PDA):
     def __call__(self, pairs: Pairs) -> Array:
         """Return the weights (p,), summed over all joint events."""
         log_e, log_b = self._logs(pairs)
-        weights, _ = _marginals(
-            pairs.track, pairs.detection, log_e, log_b, MOST_ENTRIES
-        )
-        return weights
+        sides = pairs.track, pairs.detection
+        return _marginals(*sides, log_e, log_b, MOST_ENTRIES)[0]
 
 
 def assign(track: Index, detection: Index, cost: Array, missed: Array) -> Flags:
@@ -311,7 +309,7 @@ def _cheapest(row: Index, column: Index, costs: Array) -> Flags:
         return csgraph.min_weight_full_bipartite_matching(table)[1][row] == column
     dense = np.full(shape, np.inf)
     dense[row, column] = costs
-    return np.asarray(linear_sum_assignment(dense)[1][row] == column)
+    return linear_sum_assignment(dense)[1][row] == column
 
 
 def joint_probabilities(
@@ -497,26 +495,25 @@ def _orders(graph: _Graph, most: int) -> list[tuple[list[int], float]]:
     The number depends on the first vertex. `LARGE` groups are tried from eight more
     starts; the smallest is kept.
     """
-    near = {v: set(edges) for v, edges in graph.items()}
     orders = []
     ordered = set[int]()
-    for start in near:
+    for start in graph:
         if start in ordered:
             continue
-        trials = [_order(near, start, most)]
+        trials = [_order(graph, start, most)]
         order, states = trials[0]
         ordered.update(order)
         if states > LARGE:
             starts = np.linspace(0, len(order) - 1, 8, dtype=int)
-            trials += [_order(near, order[k], most) for k in starts]
+            trials += [_order(graph, order[k], most) for k in starts]
         orders.append(min(trials, key=lambda trial: trial[1]))
     return orders
 
 
-def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int], float]:
+def _order(graph: _Graph, start: int, most: int) -> tuple[list[int], float]:
     """Return a greedy elimination order of a group's vertices, and its table entries.
 
-    ``near`` holds each vertex's neighbours. The vertex removed next is the one by which
+    The vertex removed next is the one by which
     the frontier grows least. The frontier are the remaining vertices with a removed
     neighbour; a table has 2^size(frontier) entries. Above ``most`` entries the rest is
     in any order.
@@ -527,14 +524,16 @@ def _order(near: dict[int, set[int]], start: int, most: int) -> tuple[list[int],
     states = 0.0
     while candidates:
         touched = frontier.union(order)
-        growth = {v: len(near[v] - touched) - (v in frontier) for v in candidates}
+        growth = {
+            v: len(graph[v].keys() - touched) - (v in frontier) for v in candidates
+        }
         order.append(min(growth, key=lambda v: (growth[v], v not in frontier, v)))
-        frontier = frontier.union(near[order[-1]]).difference(order)
-        candidates = frontier.union(*(near[v] for v in frontier)).difference(order)
+        frontier = frontier.union(graph[order[-1]]).difference(order)
+        candidates = frontier.union(*(graph[v] for v in frontier)).difference(order)
         states += 2.0 ** len(frontier)
         while candidates and states > most:  # too large: the members alone matter
             order.extend(candidates)
-            around = set[int]().union(*(near[v] for v in candidates))
+            around = set[int]().union(*(graph[v] for v in candidates))
             candidates = around.difference(order)
     return order, states
 
@@ -573,7 +572,7 @@ def _sum_events(
         total = sum(shares.values()) + (step.taken * follows).sum()
         for other, share in shares.items():
             edge = min(vertex, other), max(vertex, other)
-            chances[edge] = float(share / total)
+            chances[edge] = share / total
         both = np.stack([before, follows], axis=step.axis)
         follows = both.reshape(step.shape)[..., 0]
     return chances

@@ -123,14 +123,16 @@ class Ignition:
             If lengths differ, a value is not finite or below 0, or times do not ascend.
         """
         time, light = _course(time_s, gray)
-        values = light
-        behind = None
+        behind = np.zeros(len(light))
         if background is not None:
             behind = _course(time_s, background)[1]
-            if self.above_background:
-                values = light - behind
-        splits = _splits(len(values))
-        if splits < 1:
+        values = light
+        if self.above_background:
+            values = light - behind
+        count = len(values)
+        splits = count - 2 * LEAST_POINTS + 1
+        # Otherwise even the clearest step could be chance: p = splits / C(n, n // 2).
+        if not 1 <= splits <= SIGNIFICANCE * math.comb(count, count // 2):
             return IgnitionResult(TOO_FEW)
         split, deviation = best_step(values, LEAST_POINTS)
         if split < 0:
@@ -146,32 +148,15 @@ class Ignition:
             p_value <= SIGNIFICANCE
             and deviation < line_deviation(time, values)
             and after - before >= max(RISE * scatter, SHARE * np.median(light[:split]))
-            and (behind is None or np.median(light[split:] - behind[split:]) > 0.0)
+            and np.median(light[split:] - behind[split:]) > 0.0
         )
-        moment = math.nan
-        outcome = NONE
+        found = IgnitionResult(
+            NONE, before=before, after=after, scatter=scatter, p_value=p_value
+        )
         if is_step:
             moment = float(time[split - 1] + time[split]) / 2
-            outcome = SEEN
-        return IgnitionResult(
-            outcome=outcome,
-            time_s=moment,
-            before=before,
-            after=after,
-            scatter=scatter,
-            p_value=p_value,
-        )
-
-
-def _splits(count: int) -> int:
-    """Return the number of places of a step among ``count`` values.
-
-    It is 0 if even the clearest step, p = splits / C(n, n // 2), could be chance.
-    """
-    splits = count - 2 * LEAST_POINTS + 1
-    if splits > SIGNIFICANCE * math.comb(count, count // 2):
-        return 0
-    return splits
+            found = found._replace(outcome=SEEN, time_s=moment)
+        return found
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
@@ -198,14 +183,14 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
     median, spread = _growing(values)
     median_after, spread_after = np.flip(_growing(values[::-1]), axis=1)
     rounding = count * np.finfo(np.float64).eps * np.abs(values).sum()
-    split = -1
-    deviation = np.inf
-    for k in range(least, count - least + 1):
-        rest = float(spread[k - 1] + spread_after[k])
-        if median_after[k] > median[k - 1] and rest < deviation - rounding:
-            split = k
-            deviation = rest
-    return split, deviation
+    split = np.arange(least, count - least + 1)
+    rises = median_after[split] > median[split - 1]
+    split = split[rises]
+    if not len(split):
+        return -1, np.inf
+    deviation = spread[split - 1] + spread_after[split]
+    best = np.argmax(deviation <= deviation.min() + rounding)
+    return split[best], deviation[best]
 
 
 def _growing(values: Array) -> tuple[Array, Array]:
@@ -228,7 +213,7 @@ def rank_sum_p(before: Array, after: Array) -> float:
     the p-value is too large rather than too small.
     """
     values = np.append(before, after)
-    earlier = np.arange(len(before) + len(after)) < len(before)
+    earlier = np.arange(len(values)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
     method: Literal["exact", "asymptotic"] = "exact"
     if len(values) > 200:
@@ -245,7 +230,7 @@ def line_deviation(time: Array, values: Array) -> float:
     ``time`` and ``values`` are (n,). A step must leave less, else the change is slow.
     """
     rest = values - scipy.stats.theilslopes(values, time).slope * time
-    return float(np.abs(rest - np.median(rest)).sum())
+    return np.abs(rest - np.median(rest)).sum()
 
 
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_columns, check_finite, check_number
+from kilnflight.checks import InputError, check_finite, check_number
 from kilnflight.tables import (
     AXES,
     HIGHEST_ORDER,
@@ -32,6 +33,7 @@ Three = tuple[float, float, float]
 Orders = tuple[int, ...]
 Timed = tuple[int, Array, Array]  # particle, times (n,) in s, places (n, 3) in mm
 
+UNKNOWN: Three = (np.nan,) * 3  # a measure that is not defined along any axis
 FITTED = "fitted"
 NO_DEPTH = "no depth"
 TOO_FEW = "too few points"
@@ -89,10 +91,10 @@ class Fit:
     first_s: float  # first detection
     last_s: float  # last detection
     points: int  # number of detections
-    rmse_mm: Three = (np.nan,) * 3  # Eq. 4.30
-    mape_percent: Three = (np.nan,) * 3  # Eq. 4.31
-    r2: Three = (np.nan,) * 3  # Eq. 4.32
-    r2_adjusted: Three = (np.nan,) * 3  # Eq. 4.33
+    rmse_mm: Three = UNKNOWN  # Eq. 4.30
+    mape_percent: Three = UNKNOWN  # Eq. 4.31
+    r2: Three = UNKNOWN  # Eq. 4.32
+    r2_adjusted: Three = UNKNOWN  # Eq. 4.33
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Return positions (n, 3) in mm at times (n,) or one time, in s."""
@@ -160,7 +162,7 @@ class Regression:
         check_number(
             self.highest, where + "highest", least=self.lowest, most=9, whole=True
         )
-        check_number(self.gain, "Regression: gain", least=0, most=1)
+        check_number(self.gain, where + "gain", least=0, most=1)
         if not self.measures or set(self.measures) - set(AXIS_MEASURES):
             raise InputError(
                 f"Regression: measures: name some of {', '.join(AXIS_MEASURES)}."
@@ -322,7 +324,7 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
         best = np.argmin(cost(grid), axis=1)
         around = np.clip(best + np.array([[-1], [0], [1]]), 0, count - 1)
         low, solved, high = np.take_along_axis(grid, around, axis=0)
-    margin = max(float(np.ptp(solved)), float(np.diff(time).min()))
+    margin = max(np.ptp(solved), np.diff(time).min())
     limits = np.clip([solved.min() - margin, solved.max() + margin], *widest)
     return limits, float(np.median(solved))
 
@@ -363,16 +365,15 @@ def trajectory_solver(
     def slope(start: float, orders: Orders) -> float:
         """Return half the derivative of the total cost by t0, at the best fit."""
         best = fitted(np.array([start]), orders)[:, 0]
-        return float((((moved - best) * best) @ (1.0 / (time - start))).sum())
+        return (((moved - best) * best) @ (1.0 / (time - start))).sum()
 
     def solve(orders: Orders) -> tuple[float, Array]:
         """Return t0 and the fitted positions (3, n) in mm."""
         cost = np.sum([costs(order)[axis] for axis, order in enumerate(orders)], axis=0)
         at = _downhill(cost, int(np.argmin(np.abs(grid - first))))
-        start = float(grid[at])
+        start = grid[at]
         rising = slope(start, orders)
-        side = at - 1 if rising > 0 else at + 1
-        other = float(grid[np.clip(side, 0, GRID - 1)])
+        other = grid[np.clip(at - int(np.sign(rising)), 0, GRID - 1)]
         if rising * slope(other, orders) < 0:
             start = brentq(slope, start, other, (orders,), xtol=1e-14)
         return start, fitted(np.array([start]), orders)[:, 0]
@@ -420,9 +421,8 @@ def fit_measures(places: Array, fitted: Array, order: int) -> Array:
         relative = np.abs((places[known] - fitted[known]) / places[known])
         mape = 100 * relative.mean()
     r2 = np.nan
-    about_mean = np.sum((places - places.mean()) ** 2)
-    if places.min() < places.max() and about_mean > 0:  # Eq. 4.32 divides by it
-        r2 = 1 - squares / about_mean
+    if places.min() < places.max():
+        r2 = 1 - squares / np.sum((places - places.mean()) ** 2)
     return np.array([np.sqrt(squares / free), mape, r2, r2 - (1 - r2) * order / free])
 
 
@@ -472,7 +472,7 @@ def regress(
         raise InputError("track: must hold one particle; call regress_all for several.")
     ((_, time, places),) = _located(track.assign(particle=0), frame_rate_hz, "track")
     method = parameters or Regression()
-    return method(time, places, _outlet(exit_point))
+    return method(time, places, check_finite(exit_point, "exit_point", (3,)))
 
 
 def regress_all(
@@ -505,7 +505,7 @@ def regress_all(
         raise InputError(
             f"regress_all: parameters.highest is above {HIGHEST_ORDER}; use regress."
         )
-    exit_mm = _outlet(exit_point)
+    exit_mm = check_finite(exit_point, "exit_point", (3,))
     timed = _located(tracks, frame_rate_hz, "tracks")
     rows = [_row(method, exit_mm, *each) for each in timed]
     if not rows:
@@ -570,19 +570,14 @@ def _row(
     for template, field in _FIELDS_BY_AXIS.items():
         row |= dict(zip(_names(template), getattr(fit, field), strict=True))
     for axis, factors in zip(AXES, fit.coefficients, strict=True):
-        row |= {f"coefficient_{axis}_{k}": 0.0 for k in range(1, HIGHEST_ORDER + 1)}
-        row |= {f"coefficient_{axis}_{k}": c for k, c in enumerate(factors, 1)}
+        padded = zip_longest(range(1, HIGHEST_ORDER + 1), factors, fillvalue=0.0)
+        row |= {f"coefficient_{axis}_{k}": factor for k, factor in padded}
     return row
 
 
 def _names(name: str) -> list[str]:
     """Return the columns of all axes; ``{}`` in the name stands for the axis."""
     return [name.format(axis) for axis in AXES]
-
-
-def _outlet(exit_point: npt.ArrayLike) -> Array:
-    """Return the lance's outlet (3,) in mm, checked."""
-    return check_finite(exit_point, "exit_point", (3,))
 
 
 def _located(
@@ -598,10 +593,9 @@ def _located(
     if rate_hz is not None:
         clock = "frame"
         rate = check_number(rate_hz, "frame_rate_hz", above=0)
-    check_columns(tracks, ("particle", clock, *AXES), where)
     rows, particle, moment = order_tracks(tracks, where, clock)
     places = PLACES.check(tracks, where).to_numpy()[rows]
-    time = moment.astype(np.float64) / rate
+    time = moment / rate
     names, starts = np.unique(particle, return_index=True)
     parts = np.split(np.arange(len(rows)), starts[1:])
     for name, part in zip(names, parts, strict=False):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from tests.definitions import clusters as plain
 
 from kilnflight.detection import (
-    CLUSTERERS,
     DBSCAN,
     MorphologicalClustering,
     QuasiClusterCenters,
@@ -107,9 +106,9 @@ def test_the_order_of_points_and_a_shift_change_nothing(clusterer, seed, shift):
 @pytest.mark.parametrize(
     ("clusterer", "table", "columns"),
     [
-        (CLUSTERERS[0], "table_5.8", {"epsilon_mm": "eps", "minPts": "min_points"}),
-        (CLUSTERERS[1], "table_5.9", {"R": "grid"}),
-        (CLUSTERERS[2], "table_5.10", {"K": "k", "alpha": "alpha"}),
+        (DBSCAN(), "table_5.8", {"epsilon_mm": "eps", "minPts": "min_points"}),
+        (MorphologicalClustering(), "table_5.9", {"R": "grid"}),
+        (QuasiClusterCenters(), "table_5.10", {"K": "k", "alpha": "alpha"}),
     ],
 )
 def test_defaults_are_the_best_published_parameters(clusterer, table, columns):

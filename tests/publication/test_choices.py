@@ -6,10 +6,9 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.publication import choices, claims, figures, verdicts
-from kilnflight.publication.figures import Provenance
 from kilnflight.store import paths
 
-MADE = Provenance("00_claims")
+MADE = figures.trace("00_claims", {})
 
 
 @pytest.fixture
@@ -73,7 +72,8 @@ def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
 @pytest.mark.usefixtures("decided")
 def test_a_choice_of_one_notebook_opens_the_verdict_of_another():
     compared = [choices.compare("A2", "F1", chosen=1, other=2, turns={"bg-2": "open"})]
-    figures.conclude("One.", [claims.check("bg-2", True)], Provenance("20_backgrounds"))
+    origin = figures.trace("20_backgrounds", {})
+    figures.conclude("One.", [claims.check("bg-2", True)], origin)
     figures.conclude("Two.", [], MADE, choices=compared)
     assert verdicts.collect().set_index("id").loc["bg-2", "because"] == "choice"
 

@@ -13,7 +13,9 @@ from kilnflight.publication import claims, figures, style, verdicts
 from kilnflight.publication.figures import Provenance
 from kilnflight.store import index, paths
 
-MADE = Provenance("02_x", {"scale": "full"}, 7, {"a.csv": "0f"}, "0.1.0", "abc")
+MADE = Provenance(
+    "02_x", {"scale": "full"}, 7, {"a.csv": "0f"}, "abc", "simulated", version="0.1.0"
+)
 TABLE = pd.DataFrame({"x_mm": [1.0, 2.5], "note": ["a", "b_c"]})
 CAPTION = "A line. With a second sentence."
 

@@ -26,7 +26,7 @@ def test_a_median_has_the_bootstrap_interval_of_plain_draws(number):
     again = np.random.default_rng(5).integers(0, number, (intervals.DRAWS, number))
     plain = np.quantile(np.median(sample[again], axis=1), [0.025, 0.975])
     assert (ours.low, ours.high) == pytest.approx(tuple(plain), rel=1e-9)
-    assert (ours.estimate, ours.numbers) == (np.median(sample), (number,))
+    assert (ours.estimate, ours.number) == (np.median(sample), number)
     # the generator is left as it was
     assert median_interval(sample, generator) == ours
 
@@ -34,13 +34,13 @@ def test_a_median_has_the_bootstrap_interval_of_plain_draws(number):
 def test_small_samples_have_no_interval():
     assert math.isnan(median_interval([], np.random.default_rng(0)).estimate)
     few = median_interval(np.full(5, 0.3), np.random.default_rng(0))
-    assert few == (0.3, -math.inf, math.inf, (5,))
+    assert few == (0.3, -math.inf, math.inf, 5)
     assert median_interval(np.full(6, 0.3), np.random.default_rng(0)).high == 0.3
 
 
 def test_a_share_is_wilsons():
-    assert share(0, 40) == (0.0, 0.0, pytest.approx(0.0876, abs=1e-4), (40,))
-    assert share(0, 0)[1:] == (0.0, 1.0, (0,))
+    assert share(0, 40) == (0.0, 0.0, pytest.approx(0.0876, abs=1e-4), 40)
+    assert share(0, 0)[1:] == (0.0, 1.0, 0)
     with pytest.raises(InputError, match="number"):
         share(3, 2)
 

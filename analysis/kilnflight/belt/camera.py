@@ -241,7 +241,7 @@ def _crossing(height: Array, steps: Array) -> Array:
     # A noisy edge may cross several times within four samples. Farther apart, something
     # hides it.
     last = changes.shape[1] - 1 - changes[:, ::-1].argmax(axis=1)
-    once = changes.any(axis=1) & (last - first <= 4) & (sign[:, 0] != sign[:, -1])
+    once = (last - first <= 4) & (sign[:, 0] != sign[:, -1])
     rows = np.arange(len(height))
     before = height[rows, first]
     after = height[rows, first + 1]
@@ -346,8 +346,7 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     matrix = cv2.getPerspectiveTransform(pixels, belt.corners.astype(np.float32))
     mm = _sides(belt.corners)
     px = _sides(places)
-    along = mm[::2].sum() / px[::2].sum()
-    across = mm[1::2].sum() / px[1::2].sum()
+    along, across = (mm[:2] + mm[2:]) / (px[:2] + px[2:])
     if max(along, across) > MOST_UNLIKE * min(along, across):
         raise InputError(
             f"belt: {along:.3g} mm per px along it, {across:.3g} across it. Turn the "

@@ -40,7 +40,9 @@ BELT_WIDTH_MM = 180.0  # 2020, section 3
 Columns = pd.DataFrame | Mapping[str, Any]  # arrays (n,) by name
 
 
-def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Array:
+def time_to_cover(
+    distance: Array, velocity: Array, acceleration: Array | float
+) -> Array:
     """Return the time in s, (n,), to cover a distance at constant acceleration.
 
     It is the smallest positive one. Solves ``distance = velocity t + acceleration t^2 /
@@ -51,13 +53,12 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
     Parameters
     ----------
     distance, velocity, acceleration
-        (n,) in mm, mm/s, mm/s^2; the distance is positive.
+        (n,) in mm, mm/s, mm/s^2; the distance is positive. One acceleration may be
+        that of all.
     """
-    inside = velocity**2 + 2 * acceleration * distance
     with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(inside)
-        time = 2 * distance / (velocity + root)
-    return np.where((inside >= 0) & (velocity + root > 0), time, np.nan)
+        total = velocity + np.sqrt(velocity**2 + 2 * acceleration * distance)
+        return np.where(total > 0, 2 * distance / total, np.nan)
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,7 @@ class ArrivalModel(_Model, ABC):
         time, distance, velocity, _ = _rest_of_belt(last, target_mm)
         (arrived,) = _take(arrival, "arrival", "time_s")
         duration = arrived - time
-        if (duration <= 0).any():
-            row = int(np.argmax(duration <= 0))
-            raise InputError(f"arrival: time_s in row {row} is not after that of last.")
+        check_number(duration.min(), "arrival: time_s after that of last", above=0)
         return self._fitted(distance, velocity, duration)
 
     @abstractmethod
@@ -173,11 +172,7 @@ def _rest_of_belt(last: Columns, target_mm: float) -> list[Array]:
     names = ("time_s", "x", "velocity_x_mm_s", "acceleration_x_mm_s2")
     time, x, velocity, acceleration = _take(last, "last", *names)
     distance = target_mm - x
-    if (distance <= 0).any():
-        row = int(np.argmax(distance <= 0))
-        raise InputError(
-            f"target_mm: {target_mm} mm is not beyond x of last in row {row}."
-        )
+    check_number(distance.min(initial=1.0), "target_mm beyond x of last", above=0)
     return [time, distance, velocity, acceleration]
 
 
@@ -205,7 +200,7 @@ class CV(ArrivalModel):
     """Constant velocity: the particle keeps its last velocity (Eq. 3)."""
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
-        return time_to_cover(distance, velocity, np.zeros_like(velocity))
+        return time_to_cover(distance, velocity, acceleration=0.0)
 
 
 @dataclass(frozen=True)
@@ -290,8 +285,7 @@ class IA(ArrivalModel):
     acceleration_mm_s2: float = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
-        shared = np.full_like(velocity, self.acceleration_mm_s2)
-        return time_to_cover(distance, velocity, shared)
+        return time_to_cover(distance, velocity, self.acceleration_mm_s2)
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
         optimal = 2 * (distance - velocity * duration) / duration**2

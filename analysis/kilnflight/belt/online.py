@@ -9,7 +9,7 @@ frame's time is its number times the tracker's ``frame_s``. Memory does not grow
 the number of frames.
 """
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from kilnflight.belt.pictures import MeasureSpots
 from kilnflight.belt.tracker import LEFT, BeltTracker, with_acceleration
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError, check_number
-from kilnflight.tables import BELT_LAST
+from kilnflight.tables import BELT_LAST, VALVE_EVENTS
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
@@ -92,9 +92,13 @@ class ValveSchedule:
     late: int = 0
     never: int = 0
     # Opening and closing in s of the windows of a valve that have not closed.
-    _windows: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    _windows: dict[int, list[tuple[float, float]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     # Last closing of a valve in s.
-    _closed_s: dict[int, float] = field(default_factory=dict)
+    _closed_s: dict[int, float] = field(
+        default_factory=lambda: defaultdict(lambda: -np.inf)
+    )
 
     def step(
         self, now_s: float, until_s: float, predicted: pd.DataFrame
@@ -116,7 +120,7 @@ class ValveSchedule:
         """
         for valve, windows in self._windows.items():
             closed = [close_s for _, close_s in windows if close_s < now_s]
-            self._closed_s[valve] = max([*closed, self._last_closing(valve)])
+            self._closed_s[valve] = max([*closed, self._closed_s[valve]])
             self._windows[valve] = [window for window in windows if window[1] >= now_s]
         for valve, *window in zip(*self.bar.windows(predicted), strict=True):
             self._plan(now_s, int(valve), *map(float, window))
@@ -126,13 +130,8 @@ class ValveSchedule:
             for open_s, close_s in windows
             if open_s < until_s
         )
-        opens, valves, closes = np.array(due, dtype=np.float64).reshape(-1, 3).T
-        return pd.DataFrame(
-            {"valve": valves.astype(np.int64), "open_s": opens, "close_s": closes}
-        )
-
-    def _last_closing(self, valve: int) -> float:
-        return self._closed_s.get(valve, -np.inf)
+        events = pd.DataFrame(due, columns=["open_s", "valve", "close_s"])
+        return events[VALVE_EVENTS.names].astype(VALVE_EVENTS.dtypes)
 
     def _plan(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
         """Plan the opening of a valve from ``now_s`` on; merge it with those near it.
@@ -141,25 +140,22 @@ class ValveSchedule:
         left out.
         """
         earliest = max(open_s, now_s)
-        closed_s = self._last_closing(valve)
+        closed_s = self._closed_s[valve]
         if not self.bar.are_apart(closed_s, earliest):
             earliest = closed_s + self.bar.dead_s
         if earliest > close_s:
             self.never += 1
             return
         self.late += earliest > open_s
-        near = [(earliest, close_s)]
-        others = list[tuple[float, float]]()
-        for opens, closes in self._windows.get(valve, []):
-            before = self.bar.are_apart(closes, earliest)
-            after = self.bar.are_apart(close_s, opens)
-            if before or after:
-                others.append((opens, closes))
-            else:
-                near.append((opens, closes))
-        first = min(opens for opens, _ in near)
-        last = max(closes for _, closes in near)
-        self._windows[valve] = [*others, (first, last)]
+        others = []
+        for window in self._windows[valve]:
+            before = self.bar.are_apart(window[1], earliest)
+            if before or self.bar.are_apart(close_s, window[0]):
+                others.append(window)
+            else:  # windows lie apart, so merging does not reach another one
+                earliest = min(earliest, window[0])
+                close_s = max(close_s, window[1])
+        self._windows[valve] = [*others, (earliest, close_s)]
 
 
 class Decision(NamedTuple):

@@ -8,7 +8,7 @@ A deviation is prediction minus reference. Positive means that the particle arri
 earlier than predicted, as in the caption of Fig. 9; section 5.1 states the opposite.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from kilnflight.belt.models import (
     IV,
     ArrivalModel,
     LateralModel,
+    Straight,
     time_to_cover,
 )
 from kilnflight.belt.tracker import LEFT, Followed
@@ -30,6 +31,13 @@ from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 CALIBRATION_SHARE = 0.01  # "at most 1 % of all particles" (sec. 5)
+# Why `PredictionPhase.observe` leaves a particle out.
+_LEFT_OUT = [
+    "gap in the track",
+    "fewer than three observations before the phase",
+    "target never reached",
+]
+_KEPT = ""
 # Keys of `summarise_deviations`.
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high"]
 SUMMARY += ["iqr", "mae", "unpredicted"]
@@ -124,22 +132,18 @@ class PredictionPhase:
         before = _first(x >= self.start_mm, starts, ends) - 1
         after = _first(x >= self.target_mm, starts, ends)
         gap = frame[ends - 1] - frame[starts] + 1 != ends - starts
-        short = ~gap & (before - starts < 2)
         ends_early = x[ends - 1] < self.target_mm - self.extrapolated_mm
-        missed = ~gap & ~short & (after == ends) & ends_early
-        kept = ~(gap | short | missed)
+        missed = (after == ends) & ends_early
+        reason = np.select([gap, before - starts < 2, missed], _LEFT_OUT, _KEPT)
+        kept = reason == _KEPT
         last = _last(columns, before[kept])
         arrival = self._arrival(columns, after[kept], ends[kept])
         arrives = arrival["time_s"].notna()
-        left_out = {
-            "gap in the track": int(gap.sum()),
-            "fewer than three observations before the phase": int(short.sum()),
-            "target never reached": int(missed.sum() + (~arrives).sum()),
-        }
+        reason[kept] = np.where(arrives, _KEPT, _LEFT_OUT[2])
         return Observed(
             last=last[arrives].reset_index(drop=True),
             arrival=arrival[arrives].reset_index(drop=True),
-            left_out=left_out,
+            left_out={each: int((reason == each).sum()) for each in _LEFT_OUT},
         )
 
     def carry(self, observed: Observed) -> Observed:
@@ -150,19 +154,8 @@ class PredictionPhase:
         are used. A particle that would stop before keeps its state.
         """
         last = BELT_LAST.check(observed.last)
-        gap = self.start_mm - last["x"]
-        speed = last["velocity_x_mm_s"]
-        gain = last["acceleration_x_mm_s2"]
-        square = speed**2 + 2 * gain * gap
-        wait = 2 * gap / (speed + np.sqrt(square.clip(lower=0.0)))
-        wait = wait.where(square > 0, 0.0)
-        moved = {"time_s": last["time_s"] + wait}
-        for axis in ("x", "y"):
-            velocity = last[f"velocity_{axis}_mm_s"]
-            change = last[f"acceleration_{axis}_mm_s2"]
-            moved[axis] = last[axis] + wait * velocity + wait**2 * change / 2
-            moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
-        return observed._replace(last=last.assign(**moved)[BELT_LAST.names])
+        wait = np.nan_to_num(_time_to(self.start_mm, last))
+        return observed._replace(last=_moved(last, wait))
 
     def _arrival(
         self, columns: dict[str, Array], after: Index, ends: Index
@@ -182,25 +175,36 @@ class PredictionPhase:
         ends
             (n,) row after the last one of each particle.
         """
-        row = np.minimum(after, ends - 1)
-        time, x, y = (columns[name][row - 1] for name in ("time_s", "x", "y"))
-        duration = columns["time_s"][row] - time
-        distance = columns["x"][row] - x
-        across = columns["y"][row] - y
-        with np.errstate(divide="ignore", invalid="ignore"):  # a particle that stands
-            share = (self.target_mm - x) / distance
-        line = [time + share * duration, y + share * across, across / duration]
-        final = _last(columns, ends - 1)
-        velocity = final["velocity_y_mm_s"]
-        gain = final["acceleration_y_mm_s2"]
-        names = ["x", "velocity_x_mm_s", "acceleration_x_mm_s2"]
-        end, speed, change = final[names].to_numpy(np.float64).T
-        wait = time_to_cover(self.target_mm - end, speed, change)
-        place = final["y"] + wait * velocity + wait**2 * gain / 2
-        parabola = [final["time_s"] + wait, place, velocity + wait * gain]
-        arrived = np.where(after < ends, line, parabola)
-        values = zip(BELT_ARRIVAL.names, (final["particle"], *arrived), strict=True)
-        return pd.DataFrame(dict(values))
+        state = _last(columns, after - 1)
+        seen = after < ends
+        row = after[seen]
+        duration = columns["time_s"][row] - columns["time_s"][row - 1]
+        for axis in ("x", "y"):
+            step = columns[axis][row] - columns[axis][row - 1]
+            state.loc[seen, f"velocity_{axis}_mm_s"] = step / duration
+            state.loc[seen, f"acceleration_{axis}_mm_s2"] = 0.0
+        return _moved(state, _time_to(self.target_mm, state))[BELT_ARRIVAL.names]
+
+
+def _time_to(x_mm: float, last: pd.DataFrame) -> Array:
+    """Return the time in s (n,) to a place along the belt, at constant acceleration.
+
+    ``last`` are states BELT_LAST before it. NaN for a particle that turns back.
+    """
+    names = ["x", "velocity_x_mm_s", "acceleration_x_mm_s2"]
+    x, velocity, acceleration = last[names].to_numpy(np.float64).T
+    return time_to_cover(x_mm - x, velocity, acceleration)
+
+
+def _moved(last: pd.DataFrame, wait: Array) -> pd.DataFrame:
+    """Return states BELT_LAST after times (n,) in s, at constant acceleration."""
+    moved = last.assign(time_s=last["time_s"] + wait)
+    for axis in ("x", "y"):
+        velocity = last[f"velocity_{axis}_mm_s"]
+        change = last[f"acceleration_{axis}_mm_s2"]
+        moved[axis] = last[axis] + wait * velocity + wait**2 * change / 2
+        moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
+    return moved
 
 
 def _check_frames(table: pd.DataFrame) -> None:
@@ -269,7 +273,8 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     ends = followed.ends
     entering = ends.loc[(ends["valid"] == 1) & (ends["reason"] == LEFT), "particle"]
     measured = states[(states["row"] >= 0) & states["particle"].isin(entering)]
-    last = measured.sort_values(["particle", "frame"]).groupby("particle").tail(1)
+    ordered = measured.sort_values(["particle", "frame"])
+    last = ordered.drop_duplicates("particle", keep="last")
     table = last.assign(time_s=last["frame"] * frame_s)
     return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
 
@@ -302,9 +307,8 @@ def observe_followed(
     states = states.assign(time_s=states["frame"] * frame_s)
     x, y = measured[["x", "y"]].to_numpy()[states["row"]].T
     observed = phase.observe(states.assign(x=x, y=y))
-    filtered = states.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
-    keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
-    return observed._replace(last=filtered.loc[keys].reset_index()[BELT_LAST.names])
+    filtered = observed.last[["particle", "time_s"]].merge(states)
+    return observed._replace(last=filtered[BELT_LAST.names])
 
 
 def summarise_deviations(deviation: Array) -> dict[str, float]:
@@ -403,13 +407,10 @@ def arrival_deviations(
     ``calibration`` (n,) marks the c particles that calibrate; the deviations are those
     of the others. `IV` is calibrated with all, as in the paper.
     """
-    every = _arrays(observed, slice(None))
-    known = _arrays(observed, calibration)
-    last, arrival = _arrays(observed, ~calibration)
-    for model in ARRIVAL_MODELS:
-        fitted = _calibrated(model, every, known, phase.target_mm)
-        time = fitted(last, phase.target_mm)
-        yield model.name, 1000.0 * (time - arrival["time_s"])
+    models = [(model.name, model, Straight()) for model in ARRIVAL_MODELS]
+    reference = observed.arrival["time_s"].to_numpy()[~calibration]
+    for name, time, _ in predictions(observed, phase, calibration, models):
+        yield name, 1000.0 * (time - reference)
 
 
 def lateral_deviations(
@@ -429,7 +430,7 @@ def predictions(
     observed: Observed,
     phase: PredictionPhase,
     calibration: Flags,
-    combinations: tuple[tuple[str, ArrivalModel, LateralModel], ...] = COMBINATIONS,
+    combinations: Sequence[tuple[str, ArrivalModel, LateralModel]] = COMBINATIONS,
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield each combination's name, predicted times (s) and places y (mm).
 
@@ -442,16 +443,15 @@ def predictions(
     times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
     for name, arrival, lateral in combinations:
         if arrival not in times:
-            fitted = _calibrated(arrival, every, known, phase.target_mm)
+            # The paper gives IV all particles, "the most favorable conditions".
+            sample = every if isinstance(arrival, IV) else known
+            fitted = arrival.calibrated(sample[0], sample[1], phase.target_mm)
             times[arrival] = fitted(last, phase.target_mm)
         place = lateral.calibrated(*known)
         yield name, times[arrival], place(last, times[arrival] - last["time_s"])
 
 
-_Pair = list[dict[str, Array]]  # last observations and arrivals, arrays by column
-
-
-def _arrays(observed: Observed, which: Flags | slice) -> _Pair:
+def _arrays(observed: Observed, which: Flags | slice) -> list[dict[str, Array]]:
     """Return last observations and arrivals of some particles as arrays by column.
 
     Models take these several times as fast as tables.
@@ -460,14 +460,3 @@ def _arrays(observed: Observed, which: Flags | slice) -> _Pair:
         {name: table[name].to_numpy()[which] for name in table.columns}
         for table in (observed.last, observed.arrival)
     ]
-
-
-def _calibrated(
-    model: ArrivalModel, every: _Pair, known: _Pair, target_mm: float
-) -> ArrivalModel:
-    """Return the model, calibrated with known particles, `IV` with all."""
-    # The paper gives IV the median of all particles, "the most favorable conditions".
-    if isinstance(model, IV):
-        known = every
-    last, arrival = known
-    return model.calibrated(last, arrival, target_mm)

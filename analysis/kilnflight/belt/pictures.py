@@ -10,7 +10,6 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Integers, Picture
@@ -34,14 +33,13 @@ def average(pictures: Iterable[Picture]) -> Picture:
     belt c is 140 and t is 40 grey values: no ghost below s = 0.29, not found above s =
     0.71, both in between.
     """
-    total: npt.NDArray[np.uint32] | None = None
-    for count, picture in enumerate(pictures, 1):
-        if total is None:
-            check_picture(picture, "pictures: number 1")
-            total = np.zeros(picture.shape, np.uint32)
-        check_picture(picture, f"pictures: number {count}", total.shape)
-        total += picture
-    if total is None:
+    total = np.zeros((), np.uint32)
+    count = 0
+    for picture in pictures:
+        count += 1
+        check_picture(picture, f"pictures: number {count}", total.shape or None)
+        total = total + picture
+    if not count:
         raise InputError(
             "pictures: none to take the background from; give at least one."
         )
@@ -107,15 +105,16 @@ class Spots:
         """Return row and col (p, 2) of pixels in spots, and the spot of each (p,)."""
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
-        count, labels = cv2.connectedComponentsWithAlgorithm(
+        _, labels = cv2.connectedComponentsWithAlgorithm(
             mask, 8, cv2.CV_32S, cv2.CCL_GRANA
         )
-        if count == 1:
-            return np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
         # Few pixels are of spots: counting these takes a seventh of the time of
         # OpenCV's statistics of all of them.
-        pixels = np.asarray(cv2.findNonZero(mask), np.int32).reshape(-1, 2)[:, ::-1]
-        return pixels, np.asarray(labels, np.int32)[pixels[:, 0], pixels[:, 1]] - 1
+        found = cv2.findNonZero(mask)
+        if found is None:
+            found = np.zeros((0, 2), np.int32)
+        row, col = found.reshape(-1, 2).T[::-1]
+        return np.column_stack([row, col]), labels[row, col] - 1
 
     def calibrated(self, pictures: Iterable[Picture], background: Picture) -> Self:
         """Return these spots with the median area of all as that of one particle.
@@ -207,8 +206,8 @@ class MeasureSpots:
         DataFrame
             `kilnflight.tables.BELT_SPOTS`; no rows for an empty belt.
         """
-        measured = [self(picture, frame) for frame, picture in enumerate(pictures)]
-        frame = np.repeat(np.arange(len(measured)), [len(rows) for rows in measured])
-        rows = np.concatenate([np.empty((0, len(BELT_SPOTS.names) - 1)), *measured])
-        table = pd.DataFrame(np.column_stack([frame, rows]), columns=BELT_SPOTS.names)
-        return table.astype({"frame": np.int64, "touching": np.int64})
+        rows = [np.empty((0, len(BELT_SPOTS.names)))]
+        for frame, picture in enumerate(pictures):
+            rows.append(np.insert(self(picture, frame), 0, frame, axis=1))
+        table = pd.DataFrame(np.concatenate(rows), columns=BELT_SPOTS.names)
+        return table.astype(BELT_SPOTS.dtypes)

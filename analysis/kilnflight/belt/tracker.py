@@ -398,11 +398,10 @@ class BeltTracker:
         x, y = tracks["state"][:, :2].T
         sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
         # What is outside by probability may lie just inside: the nearer end decides.
-        way = np.where(2.0 * x < area.start_mm + area.end_mm, BACK, LEFT)
-        reason = np.where(
-            tracks["outside"] > 0.5, np.where(sideways, SIDEWAYS, way), LOST
-        )
-        return np.where(self.keeps(tracks, 0), RUNNING, reason)
+        back = 2.0 * x < area.start_mm + area.end_mm
+        inside = tracks["outside"] <= 0.5
+        cases = [self.keeps(tracks, 0), inside, sideways, back]
+        return np.select(cases, [RUNNING, LOST, SIDEWAYS, BACK], LEFT)
 
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
         """Return BELT_ENDS and ``reason`` of tracks (rows,) in the frames (rows,)."""

@@ -124,11 +124,9 @@ class ValveBar:
         ``predicted`` is `kilnflight.tables.BELT_PREDICTED`.
         `kilnflight.belt.online.ValveSchedule` takes predictions as they become known.
         """
-        valve, opens, closes = self.windows(predicted)
-        order = np.lexsort((opens, valve))
-        valve = valve[order]
-        opens = opens[order]
-        closes = closes[order]
+        windows = self.windows(predicted)
+        order = np.lexsort((windows[1], windows[0]))
+        valve, opens, closes = (column[order] for column in windows)
         first = np.diff(valve, prepend=-1) != 0
         first[1:] |= self.are_apart(closes[:-1], opens[1:])
         # All windows are equally long, so the last of those merged closes last.
@@ -153,15 +151,12 @@ class ValveBar:
             True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
         hit = np.zeros(len(time_s), dtype=bool)
-        valve = events[0]
-        if not len(valve) or not len(hit):
-            return hit
-        opens = events[1] + self.latency_s
-        closes = events[2] + self.latency_s
-        # All valves are on one axis, one after the other, each with its events in time.
-        start = min(opens.min(), time_s.min())
-        whole = 1.0 + max(opens.max(), time_s.max()) - start
-        keys = valve * whole + (opens - start)
+        # Before all others stands an event that nothing meets.
+        valve = np.append(-1, events[0])
+        opens = np.append(0.0, events[1] + self.latency_s)
+        closes = np.append(-np.inf, events[2] + self.latency_s)
+        # Complex numbers are ordered by valve, then by time.
+        keys = valve + 1j * opens
         nearest = self._nearest(y)
         reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
         middles = self.middles_mm
@@ -173,10 +168,8 @@ class ValveBar:
             near = np.flatnonzero((away <= half) & ~hit)
             number = passed[near]
             time = time_s[near]
-            key = number * whole + (time - start)
-            latest = np.searchsorted(keys, key, side="right") - 1
-            same = (latest >= 0) & (valve[latest] == number)
-            hit[near] = same & (time <= closes[latest])
+            latest = np.searchsorted(keys, number + 1j * time, side="right") - 1
+            hit[near] = (valve[latest] == number) & (time <= closes[latest])
         return hit
 
     def _nearest(self, y: Array) -> Integers:

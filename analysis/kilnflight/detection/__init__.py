@@ -30,19 +30,17 @@ from collections.abc import Callable
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Index
-from kilnflight.detection.dbscan import DBSCAN
+from kilnflight.detection.dbscan import DBSCAN as DBSCAN
 from kilnflight.detection.dbscan import k_distances as k_distances
-from kilnflight.detection.morphology import MorphologicalClustering
-from kilnflight.detection.otsu import Otsu
-from kilnflight.detection.quasi_centers import QuasiClusterCenters
-from kilnflight.detection.sift import DoG
+from kilnflight.detection.morphology import (
+    MorphologicalClustering as MorphologicalClustering,
+)
+from kilnflight.detection.otsu import Otsu as Otsu
+from kilnflight.detection.quasi_centers import (
+    QuasiClusterCenters as QuasiClusterCenters,
+)
+from kilnflight.detection.sift import DoG as DoG
 from kilnflight.detection.sift import Polygon as Polygon
 
 Detector2D = Callable[..., Array]  # (foreground, within: Polygon | None = None)
 Clusterer = Callable[[npt.ArrayLike], Index]
-DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG())
-CLUSTERERS: tuple[Clusterer, ...] = (
-    DBSCAN(),
-    MorphologicalClustering(),
-    QuasiClusterCenters(),
-)

@@ -78,11 +78,9 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     order = labelled[np.argsort(short, kind="stable")]
     start = np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.intp)
     # rows are taken: indexing narrow rows is several times slower
-    rows = np.take(pixels, order, axis=0)
-    places = np.take(xyz, order, axis=0)
     return Clusters(
-        pixels=rows.astype(np.intp),
-        xyz=places.astype(np.float64, copy=False),
+        pixels=np.take(pixels, order, axis=0).astype(np.intp),
+        xyz=np.take(xyz, order, axis=0).astype(np.float64, copy=False),
         start=start,
     )
 

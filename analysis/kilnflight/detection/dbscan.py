@@ -21,7 +21,6 @@ from kilnflight.detection.disjoint import find_root
 NOISE = -1
 # Cells per axis whose numbers fit 63 bits and whose borders stay exact.
 _LARGEST = 2_000_000
-_BITS = 13  # of a key per pass of the radix sort
 _REACH = 2  # cells between points that are within eps
 
 
@@ -95,10 +94,14 @@ class DBSCAN:
         limit = float(self.eps * self.eps)
         core = _core_points(cells, limit, int(self.min_points))
         inner = _only(cells, core)
-        labels = np.full(len(cloud), NOISE, np.intp)
+        starts = inner.starts[:-1]
         roots = _connected_cells(inner, limit)
-        labels[inner.order] = np.repeat(roots, np.diff(inner.starts))
-        _add_borders(cells, inner, _number_clusters(roots, labels), limit, labels)
+        first = np.full(len(roots), len(cloud))  # core point of each root's cluster
+        np.minimum.at(first, roots, np.minimum.reduceat(inner.order, starts))
+        numbers = np.unique(first[roots], return_inverse=True)[1]
+        labels = np.full(len(cloud), NOISE, np.intp)
+        labels[inner.order] = np.repeat(numbers, np.diff(inner.starts))
+        _add_borders(cells, inner, numbers, limit, labels)
         return labels
 
 
@@ -173,9 +176,9 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     along = ((high - low) / side).astype(np.int64) + 1 + _REACH
     row = int(along[2])
     layer = int(along[1] * along[2])
-    keys, order = _radix_sort(
-        _number(points, low, side, layer, row), layer * int(along[0])
-    )
+    keys = _number(points, low, side, layer, row)
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()
@@ -203,33 +206,6 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
         y = np.int64((points[i, 1] - low[1]) / side)
         keys[i] = x * layer + y * row + np.int64((points[i, 2] - low[2]) / side)
     return keys
-
-
-@njit(cache=True)
-def _radix_sort(keys: Any, bound: int) -> Any:
-    """Return keys (n,) in [0, bound] sorted, and their stable order (n,), int64.
-
-    Compiled: `numpy.argsort` compares 64-bit keys instead of counting their digits.
-    """
-    order = np.arange(len(keys))
-    other_order = np.empty_like(order)
-    other_keys = np.empty_like(keys)
-    shift = 0
-    mask = (1 << _BITS) - 1
-    while bound >> shift:
-        places = np.zeros(mask + 2, np.int64)
-        for i in range(len(keys)):
-            places[((keys[i] >> shift) & mask) + 1] += 1
-        places = np.cumsum(places)
-        for i in range(len(keys)):
-            digit = (keys[i] >> shift) & mask
-            place = places[digit]
-            places[digit] = places[digit] + 1
-            other_keys[place] = keys[i]
-            other_order[place] = order[i]
-        keys, other_keys, order, other_order = other_keys, keys, other_order, order
-        shift += _BITS
-    return keys, order
 
 
 @njit(cache=True)
@@ -393,25 +369,6 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
         for cell in range(len(keys)):
             parents[cell] = find_root(parents, cell)
     return parents
-
-
-@njit(cache=True)
-def _number_clusters(roots: Any, labels: Any) -> Any:
-    """Change ``labels`` (n,) into clusters; return the cluster of each cell (m,).
-
-    Labels are in the order of the caller's cloud: before, the ``roots`` (m,) of
-    `_connected_cells`, or `NOISE`. The cluster of the first core point has the first
-    number.
-    """
-    numbers = np.full(len(roots), NOISE)
-    count = 0
-    for i in range(len(labels)):
-        if labels[i] != NOISE:
-            if numbers[labels[i]] == NOISE:
-                numbers[labels[i]] = count
-                count += 1
-            labels[i] = numbers[labels[i]]
-    return numbers[roots]
 
 
 @njit(cache=True)

@@ -100,12 +100,11 @@ class QuasiClusterCenters:
             return np.full(count, NOISE, dtype=np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
         sparsity = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
-        dense_first = np.argsort(sparsity, kind="stable")
         centers, groups = _centers(neighbors, sparsity)
         graph = _Graph(
             neighbors=neighbors,
             sparsity=sparsity,
-            dense_first=dense_first,
+            dense_first=np.argsort(sparsity, kind="stable"),
             centers=centers,
             groups=groups,
         )
@@ -294,8 +293,8 @@ def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
     A point in several clusters takes that of its exemplar, its densest neighbour (Eq.
     2.40). The other arguments are those of `_spread` and `_merge`.
     """
-    sparsity = graph.sparsity
-    labels = np.full(len(sparsity), NOISE)
+    rank = np.argsort(graph.dense_first)  # of equally dense points the first leads
+    labels = np.full(len(rank), NOISE)
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     for i in graph.dense_first:
         count = _gather(heads[graph.groups[i]], chains, clusters, members)
@@ -304,10 +303,6 @@ def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
         elif count == 1:
             labels[i] = members[0]
         else:
-            exemplar = graph.neighbors[i, 0]
-            for j in graph.neighbors[i]:
-                denser = sparsity[j] < sparsity[exemplar]
-                if denser or (sparsity[j] == sparsity[exemplar] and j < exemplar):
-                    exemplar = j
-            labels[i] = labels[exemplar]
+            near = graph.neighbors[i]
+            labels[i] = labels[near[rank[near].argmin()]]
     return labels

@@ -76,8 +76,8 @@ def _check(where: str, quantity: str, printed: str, recomputed: float) -> Check:
 
 def _row_name(row: pd.Series) -> str:
     """Return the unique name of a table's row, such as "K=30, alpha=0.1" or "V1"."""
-    texts = row[row.index.isin(["subset", "test_set", "method"])].tolist()
-    numbers = row[row.index.isin(["minPts", "epsilon_mm", "R", "K", "alpha"])]
+    texts = row.filter(["subset", "test_set", "method"])
+    numbers = row.filter(["minPts", "epsilon_mm", "R", "K", "alpha"])
     return ", ".join([*texts, *(f"{name}={value}" for name, value in numbers.items())])
 
 
@@ -116,10 +116,9 @@ def check_rates() -> Iterator[Check]:
         printed = printed_rates(table)
         exact = recomputed_rates(table)
         for name in exact.index:
+            where = f"Table {table}, {name}"
             for rate in ("precision", "recall", "f1"):
-                where = f"Table {table}, {name}"
-                shown = printed[rate][name]
-                yield _check_rate(where, rate, shown, exact[rate][name])
+                yield _check_rate(where, rate, printed[rate][name], exact[rate][name])
 
 
 def _check_rate(where: str, rate: str, printed: str, exact: float) -> Check:
@@ -162,7 +161,7 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     for column, values in counts.items():
         for row, summed in ((3, 2), (4, 3)):
             place = f"{where}, {table.index[row]}"
-            total = values.iloc[:summed].sum()
+            total = values[:summed].sum()
             yield _check(place, str(column), table[column].iloc[row], total)
     sums = counts[SUBSETS].sum(axis=1)
     for name in table.index:
@@ -179,11 +178,11 @@ def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Ch
     share = "percentage_with_3d_info"
     rows = zip(everything.iterrows(), inside.iterrows(), strict=True)
     for (name, row), (named, kept) in rows:
-        amount = float(row["amount"])
+        percent = float(row["amount"]) / 100
         where = f"Table 5.3, {named}"
-        exact = 100 * float(row["with_3d_info"]) / amount
+        exact = float(row["with_3d_info"]) / percent
         yield _check(f"Table 5.2, {name}", share, row[share], exact)
-        exact = 100 * float(kept["amount"]) / amount
+        exact = float(kept["amount"]) / percent
         yield _check(where, "percentage of Table 5.2", kept["percentage"], exact)
         for subset in SUBSETS:  # the region of interest cannot hold more than the image
             most = float(row[subset])

@@ -1,6 +1,7 @@
 """Plots shared by notebooks."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from kilnflight.arrays import Array
-from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.flights.campaigns import CampaignKey, of_campaign
 from kilnflight.experiments.flights.comparison import Values
 from kilnflight.publication.style import (
@@ -24,7 +24,6 @@ from kilnflight.publication.style import (
     PUBLISHED_BAR,
     canvas,
     draw_circles,
-    draw_frame,
 )
 from kilnflight.scores.flights import MARKS_M
 
@@ -50,24 +49,35 @@ def draw_grouped_boxes(
     labels
         Labels of the horizontal axis.
     """
-    below: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "0.3"}
-    below |= {"xycoords": axes.get_xaxis_transform(), "fontsize": 5.5}
-    width = 0.8 / len(groups)
     for k, (name, series) in enumerate(groups.items()):
         place = _beside(k, len(groups), len(series))
         finite = [values[np.isfinite(values)] for values in series]
-        face = {"facecolor": FACES[k], "hatch": HATCHES[k], "edgecolor": "black"}
+        box = {
+            "facecolor": FACES[k],
+            "hatch": HATCHES[k],
+            "edgecolor": "black",
+            "linewidth": 0.6,
+            "linestyle": "-",
+        }
         axes.boxplot(
             finite,
             positions=place,
-            widths=0.85 * width,
+            widths=0.68 / len(groups),
             label=name,
             flierprops=CROSSES,
-            boxprops={"linewidth": 0.6, "linestyle": "-", **face},
+            boxprops=box,
             **BOXES,
         )
         for x, values in zip(place, finite, strict=True):
-            axes.annotate(str(len(values)), (x, 0.01), **below)
+            axes.annotate(
+                str(len(values)),
+                (x, 0.01),
+                xycoords=axes.get_xaxis_transform(),
+                fontsize=5.5,
+                ha="center",
+                va="bottom",
+                color="0.3",
+            )
     end = len(labels) - 0.45
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, end))
 
@@ -94,7 +104,7 @@ def draw_velocity_boxes(
         Published bounds in m/s: ``fraction``, ``pressure_bar``, ``outcome`` ("velocity
         0-1 m (m/s)" ...), ``low``, ``high``; None: not drawn.
     """
-    rows = max(-(-len(keys) // 2), 1)
+    rows = -(-len(keys) // 2)
     picture, grid = canvas(
         rows, 2, width_mm=PAGE_MM, height_mm=55 * rows, sharex=True, sharey=True
     )
@@ -112,7 +122,7 @@ def draw_velocity_boxes(
             draw_published(axes, of_campaign(known, key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
-    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    grid[0, 0].legend()
     return picture
 
 
@@ -141,8 +151,8 @@ def draw_dwell_boxes(
         draw_grouped_boxes(axes, times, names)
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
         if bar == 4.5:
-            band = {"color": PUBLISHED["color"], "label": "published medians"}
-            axes.axhspan(0.3, 0.5, alpha=0.15, **band)
+            color = PUBLISHED["color"]
+            axes.axhspan(0.3, 0.5, alpha=0.15, color=color, label="published medians")
         if not any(len(each) for series in times.values() for each in series):
             axes.text(0.5, 0.85, "no flight", transform=axes.transAxes, ha="center")
     grid[0, 0].set_ylabel("dwell time (s)")
@@ -199,12 +209,8 @@ def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
     place = np.arange(len(table))
     f1 = table["f1"]
     reach = table[["f1_low", "f1_high"]].sub(f1, axis=0).abs().to_numpy().T
-    points: dict[str, Any] = {
-        "fmt": "o",
-        "color": "black",
-        "label": "scoring distance 45 px",
-    }
-    axes.errorbar(f1, place, xerr=reach, capsize=2, **points)
+    distance = "scoring distance 45 px"
+    axes.errorbar(f1, place, xerr=reach, fmt="ok", capsize=2, label=distance)
     axes.plot(
         table["f1_in_pixels"],
         place,
@@ -238,18 +244,25 @@ def draw_class_recall(
     """
     few = recall["tp"] + recall["fn"] < 10
     groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 62}
-    picture, (panels,) = canvas(1, len(groups), **size, sharey=True)
+    picture, (panels,) = canvas(
+        1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True
+    )
     for axes, (name, table) in zip(panels, groups, strict=True):
         kinds = table["kind"].unique()
         bars = table.pivot(index="subset", columns="kind", values="recall")
+        printed = published.get(str(name))
         for k, kind in enumerate(kinds):
-            look: dict[str, Any] = {"color": COLOURS[k + 1], "hatch": HATCHES[k]}
             place = _beside(k, len(kinds), len(bars))
-            axes.bar(place, bars[kind], 0.736 / len(kinds), label=kind, **look)
-        for k, values in enumerate(published.get(str(name), ())):
-            place = _beside(k, len(kinds), len(bars))
-            axes.plot(place, values, clip_on=False, **PUBLISHED)
+            axes.bar(
+                place,
+                bars[kind],
+                0.736 / len(kinds),
+                label=kind,
+                color=COLOURS[k + 1],
+                hatch=HATCHES[k],
+            )
+            if printed:
+                axes.plot(place, printed[k], clip_on=False, **PUBLISHED)
         axes.set(title=name, xlabel="subset")
         axes.set_xticks(range(len(bars)), bars.index)
     panels[0].set_ylabel("recall")
@@ -259,44 +272,16 @@ def draw_class_recall(
     return picture
 
 
-def draw_keypoints_and_clusters(
-    gray: npt.NDArray[np.uint16],
-    keypoints: Array,
-    clusters: Clusters | None,
-    roi: Sequence[tuple[float, float]],
-    **size: Any,
-) -> Figure:
-    """Draw a frame with keypoints as circles and the clusters' pixels as dots.
+def draw_keypoints(
+    axes: Axes, keypoints: Array, roi: Sequence[tuple[float, float]]
+) -> None:
+    """Draw keypoints as circles, and the outline of the region of interest (Fig. 5.3).
 
-    Fig. 5.3 shows the keypoints alone, Figs 3.1 and 3.2 both.
-
-    Parameters
-    ----------
-    gray
-        (rows, cols) grey values of the frame. Averages over 2 x 2 px are shown; over 4
-        x 4 px behind clusters.
-    keypoints
-        (k, 3) row, col and radius in px.
-    clusters
-        Each pixel of a cluster is a dot; six colours in turn tell clusters apart. None:
-        not drawn.
-    roi
-        Corners (row, col) of the region of interest in px, in order around it.
-    **size
-        ``width_mm`` and ``height_mm`` of the figure, for `canvas`.
+    ``keypoints`` (k, 3) are row, col and radius in px, ``roi`` the corners (row, col).
     """
-    picture, ((axes,),) = canvas(**size)
-    if clusters is None:
-        draw_frame(axes, gray, 2)
-    else:
-        draw_frame(axes, gray, 4)
-        turn = np.arange(len(clusters.start) - 1) % 6 + 1
-        colour = np.array(COLOURS)[np.repeat(turn, np.diff(clusters.start))]
-        axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=colour)
     draw_circles(axes, keypoints, COLOURS[5])
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
-    return picture
 
 
 def draw_cloud(
@@ -317,26 +302,12 @@ def draw_cloud(
     picture = plt.figure(figsize=(PAGE_MM / 25.4, 85 / 25.4), layout="none")
     plt.close(picture)
     room: Any = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
-    points: dict[str, Any] = {"depthshade": False, "linewidths": 0}
+    scatter = partial(room.scatter, depthshade=False)
     gray = np.sqrt(wall["gray"])
     bright = 1.25 * gray.quantile(0.99)  # white points would vanish on paper
-    look: dict[str, Any] = {
-        "c": gray,
-        "cmap": "gray",
-        "s": 0.8,
-        "vmin": 0,
-        "vmax": bright,
-    }
-    room.scatter(*upright(wall[axis]), **look, **points)
-    room.scatter(*upright(particles[axis]), s=1.2, color=COLOURS[2], **points)
-    ring: dict[str, Any] = {
-        "s": 160,
-        "lw": 1.4,
-        "ec": COLOURS[1],
-        "fc": "none",
-        "depthshade": False,
-    }
-    room.scatter(*upright(marked[axis].mean().to_numpy()), **ring)
+    scatter(*upright(wall[axis]), s=0.8, lw=0, c=gray, cmap="gray", vmin=0, vmax=bright)
+    scatter(*upright(particles[axis]), s=1.2, lw=0, color=COLOURS[2])
+    scatter(*upright(marked[axis].mean()), s=160, lw=1.4, ec=COLOURS[1], fc="none")
     label_camera_space(room)
     room.set_box_aspect((1.9, 1, 1), zoom=1.15)
     room.view_init(elev=18, azim=-60)
@@ -355,8 +326,14 @@ def _enlarge(picture: Figure, marked: pd.DataFrame) -> None:
     axes.margins(0.15)
     axes.locator_params(axis="x", nbins=3)
     axes.locator_params(axis="y", nbins=5)
-    below: dict[str, Any] = {"location": "bottom", "pad": 0.25, "shrink": 0.9}
-    picture.colorbar(dots, ax=axes, label="depth z (m)", **below)
+    picture.colorbar(
+        dots,
+        ax=axes,
+        label="depth z (m)",
+        location="bottom",
+        pad=0.25,
+        shrink=0.9,
+    )
 
 
 def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:

@@ -5,7 +5,6 @@ positions crowd. What is left after it is the spread of velocities and their cha
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -25,21 +24,6 @@ OF_90_PERCENT = 2.15  # standard deviations, of a distance in two dimensions
 OF_99_PERCENT = 3.03
 LEAST_PX = 0.1  # no spread is taken smaller
 NONE = np.empty((0, 2))
-
-
-class Links(NamedTuple):
-    """Steps (n, 2) of linked particles, and their changes (m, 2), in px a frame."""
-
-    steps: Array
-    changes: Array
-
-
-class Spread(NamedTuple):
-    """Standard deviations in px: of the first step, and of the change of a step."""
-
-    first: float
-    change: float
-    inert: bool  # whether a step depends on the one before
 
 
 def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion:
@@ -67,12 +51,31 @@ def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion
     starts = starts[:: 1 + len(starts) // PAIRS]
     reach = min(REACH * _width(places), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
-    spread = _spread(_links(places, starts, flow, limit), flow, max_step)
+    steps, changes = _links(places, starts, flow, limit)
+    apart = np.hypot(*(steps - flow).T)
+    turned = np.hypot(*changes.T)
+    first = ConstantVelocity().spreads[1]
+    if len(apart):
+        first = np.quantile(apart, 0.9) / OF_90_PERCENT
+    change = first
+    if len(turned):
+        change = np.quantile(turned, 0.9) / OF_90_PERCENT
+    inert = change <= first or not len(turned)
+    if inert and len(apart):  # a few may be much slower than the rest
+        first = max(first, np.quantile(apart, 0.99) / OF_99_PERCENT)
+    if max_step is not None:
+        first = max_step / Gate().distance
+    first = _rounded(first)
     velocity = tuple(flow.round(2).tolist())
-    error = max(spread.change / 4, 0.3)  # of the first position, px
-    if spread.inert:
-        return Motion(velocity, (error, spread.first), spread.change)
-    return Wandering(velocity, (error, 1e-3), spread.change)
+    if not inert:
+        return Wandering(velocity, (_place_error(first), 1e-3), first)
+    change = min(_rounded(change), first)
+    return Motion(velocity, (_place_error(change), first), change)
+
+
+def _place_error(noise: float) -> float:
+    """Return the standard deviation of a first position in px, for a motion's noise."""
+    return max(noise / 4, 0.3)
 
 
 def _width(places: Mapping[int, Array]) -> float:
@@ -84,8 +87,11 @@ def _width(places: Mapping[int, Array]) -> float:
 
 def _links(
     places: Mapping[int, Array], starts: Integers, flow: Array, limit: float
-) -> Links:
-    """Return the links from each start to the next frame, and on to the one after."""
+) -> tuple[Array, Array]:
+    """Return the steps (n, 2) of linked particles and their changes (m, 2), in px.
+
+    Links go from each start to the next frame, and on to the one after.
+    """
     steps = [NONE]
     changes = [NONE]
     for t in starts:
@@ -97,26 +103,7 @@ def _links(
         j, n = _linked(middle, after, flow, limit)
         _, one, other = np.intersect1d(k, j, return_indices=True)
         changes.append(after[n[other]] - middle[j[other]] - first[one])
-    return Links(np.concatenate(steps), np.concatenate(changes))
-
-
-def _spread(links: Links, flow: Array, max_step: float | None) -> Spread:
-    """Return the spreads of links around a common step (2,)."""
-    apart = np.hypot(*(links.steps - flow).T)
-    turned = np.hypot(*links.changes.T)
-    first = ConstantVelocity().spreads[1]
-    if len(apart):
-        first = np.quantile(apart, 0.9) / OF_90_PERCENT
-    change = first
-    if len(turned):
-        change = np.quantile(turned, 0.9) / OF_90_PERCENT
-    inert = bool(change <= first or not len(turned))
-    if inert and len(apart):  # a few may be much slower than the rest
-        first = max(first, np.quantile(apart, 0.99) / OF_99_PERCENT)
-    if max_step is not None:
-        first = max_step / Gate().distance
-    change = min(change, first) if inert else first
-    return Spread(first=_rounded(first), change=_rounded(change), inert=inert)
+    return np.concatenate(steps), np.concatenate(changes)
 
 
 def _rounded(spread: float) -> float:

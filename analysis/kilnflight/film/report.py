@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,31 +23,19 @@ LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
 
 
-class FrameFacts(NamedTuple):
-    """What one frame holds."""
-
-    darkest: int
-    brightest: int
-    saturated: float  # share of pixels that are as bright
-    points: int
-    nearest_mm: float
-    farthest_mm: float
-    labelled: bool
-
-
-def _facts(frame: Frame) -> FrameFacts:
-    """Return what a frame holds."""
+def _facts(frame: Frame) -> dict[str, Any]:
+    """Return what a frame holds; of its pixels the share that is as bright as any."""
     z = frame.xyz[:, 2]
     brightest = frame.gray.max()
-    return FrameFacts(
-        darkest=int(frame.gray.min()),
-        brightest=int(brightest),
-        saturated=float(np.mean(frame.gray == brightest)),
-        points=len(z),
-        nearest_mm=z.min(initial=np.inf),
-        farthest_mm=z.max(initial=-np.inf),
-        labelled=frame.labels is not None,
-    )
+    return {
+        "darkest": int(frame.gray.min()),
+        "brightest": int(brightest),
+        "saturated": np.mean(frame.gray == brightest),
+        "points": len(z),
+        "nearest_mm": z.min(initial=np.inf),
+        "farthest_mm": z.max(initial=-np.inf),
+        "labelled": frame.labels is not None,
+    }
 
 
 def summarise_recording(recording: StoredRecording) -> pd.DataFrame:

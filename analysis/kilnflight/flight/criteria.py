@@ -72,12 +72,12 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
         raise InputError("a fitted track has no position with depth in x, y, z.")
     apart = known - fit.exit_point_mm
     distance = float(np.median(np.linalg.norm(apart, axis=1)))
-    gone = -float(np.median(apart[:, 2]))
-    across = float(np.median(np.hypot(apart[:, 0], apart[:, 1])))
+    gone = -np.median(apart[:, 2])
+    across = np.median(np.hypot(*apart[:, :2].T))
     cone = CONE * (gone + DEPTH_SCATTER_MM) + ACROSS_SCATTER_MM
     near = -DEPTH_SCATTER_MM <= gone <= WITHIN_MM and across <= cone
-    forwards = float(fit.velocity(np.array([fit.t0]))[0, 2]) < 0
-    return near and fit.t0_at_bound >= 0 and forwards, distance
+    forwards = fit.velocity(fit.t0)[0, 2] < 0
+    return bool(near and fit.t0_at_bound >= 0 and forwards), distance
 
 
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
@@ -87,7 +87,7 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     outside their data, and so do their slopes at its end. So the mean velocity of the
     last `LAST_S` leads on.
     """
-    time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    time = np.atleast_1d(time_s)
     observed = np.minimum(time, fit.last_s)
     return fit(observed) + (time - observed)[:, None] * _last_velocity(fit)
 
@@ -96,7 +96,7 @@ def _last_velocity(fit: Fit) -> Array:
     """Return the mean velocity (3,) in mm/s of the last `LAST_S` that were observed."""
     before = max(fit.first_s, fit.last_s - LAST_S)
     places = fit(np.array([before, fit.last_s]))
-    return np.asarray((places[1] - places[0]) / max(fit.last_s - before, 1e-9))
+    return (places[1] - places[0]) / max(fit.last_s - before, 1e-9)
 
 
 class FlightEnd(NamedTuple):
@@ -133,15 +133,16 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     later = fit.last_s + np.append(np.arange(0.0, beyond_s, STEP_S)[1:], beyond_s)
     time = np.concatenate([observed, later])
     off = outside(time)
-    wall_mm = float(off[count - 1]) + in_air.threshold_mm
+    wall_mm = off[count - 1] + in_air.threshold_mm
     beyond = off >= -TOUCH_MM
-    if not beyond.any():
-        return FlightEnd(landed=False, end_s=float(fit.last_s), wall_mm=wall_mm)
-    k = int(np.argmax(beyond))
-    end = float(time[k])
-    if k > 0 and off[k - 1] < 0 < off[k]:
-        end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
-    return FlightEnd(landed=True, end_s=end, wall_mm=wall_mm)
+    landed = bool(beyond.any())
+    end = fit.last_s
+    if landed:
+        k = np.argmax(beyond)
+        end = time[k]
+        if k > 0 and off[k - 1] < 0 < off[k]:
+            end = brentq(lambda t: outside(t)[0], time[k - 1], time[k], xtol=1e-9)
+    return FlightEnd(landed=landed, end_s=end, wall_mm=wall_mm)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -31,7 +31,6 @@ LANDED = "landed"
 BURNT_OUT = "burnt out"
 LEFT = "left the view"
 LOST = "lost"
-UNTESTED = IgnitionResult(NONE)
 # from the border of the view, and to a track that goes on: the gate of sec. 3.3
 EDGE_PX = 45.0
 
@@ -59,7 +58,7 @@ class Rules:
 
 
 class FieldOfView(NamedTuple):
-    """The camera's view of a recording; None: ends at that border are not sought.
+    """The camera's view of a recording; by default without a border or an end.
 
     Attributes
     ----------
@@ -70,7 +69,7 @@ class FieldOfView(NamedTuple):
     """
 
     roi: npt.ArrayLike | None = None
-    frames: range | None = None
+    frames: range = range(2**53)
 
 
 def flights(
@@ -151,8 +150,9 @@ def flights(
         background = tracks["background"]
         table["background"] = check_finite(background, f"{where}: column background")
     table = table.iloc[order].assign(particle=particle)
-    by_particle = dict(iter(table.groupby("particle")))
-    starts = table.groupby("particle").head(1)
+    grouped = table.groupby("particle")
+    by_particle = dict(iter(grouped))
+    starts = grouped.head(1)
     rows = []
     for name, fit in fits.items():
         if name not in by_particle:
@@ -164,7 +164,8 @@ def flights(
             raise InputError(f"flights: particle {name}: {error}") from error
         if not row["ending"]:
             burning = row["ignition"] == SEEN
-            row["ending"] = _ending_in_air(track, burning, starts, frame_rate_hz, view)
+            last = track.iloc[-1]
+            row["ending"] = _ending_in_air(last, burning, starts, frame_rate_hz, view)
         rows.append({"particle": name} | row)
     if not rows:
         return FLIGHTS.empty()
@@ -178,7 +179,7 @@ def _flight(
     in_air: InAir,
     rate_hz: float,
     rules: Rules,
-) -> dict[str, float | str | bool]:
+) -> dict[str, Any]:
     """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
 
     ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame
@@ -191,8 +192,8 @@ def _flight(
     if not landed:
         # The last detections may have no depth and so be unknown to the fit.
         ending = ""
-        end_s = max(end_s, float(time[-1]))
-    ignition = UNTESTED
+        end_s = max(end_s, time[-1])
+    ignition = IgnitionResult(NONE)
     if rules.ignition is not None:
         flying = track[time <= end_s]
         ignition = rules.ignition(
@@ -202,65 +203,54 @@ def _flight(
     if rules.plausible is not None:
         refused = rules.plausible(fit, end_s, wall, in_air)
     return {
-        "t0_s": float(fit.t0),
-        "first_s": min(float(fit.first_s), float(time[0])),
-        "last_s": max(float(fit.last_s), float(time[-1])),
+        "t0_s": fit.t0,
+        "first_s": min(fit.first_s, time[0]),
+        "last_s": max(fit.last_s, time[-1]),
         "end_s": end_s,
-        "dwell_s": end_s - float(fit.t0),
+        "dwell_s": end_s - fit.t0,
         "ending": ending,
         "from_lance": from_lance,
         "start_mm": start_mm,
         "ignition": ignition.outcome,
-        "ignition_s": ignition.time_s - float(fit.t0),
+        "ignition_s": ignition.time_s - fit.t0,
         "wall_mm": wall_mm,
         "refused": refused,
     }
 
 
 def _ending_in_air(
-    track: pd.DataFrame,
+    last: pd.Series,
     burning: bool,
     starts: pd.DataFrame,
     rate_hz: float,
     view: FieldOfView,
 ) -> str:
-    """Return `BURNT_OUT`, `LEFT` or `LOST`; the notes of `flights` have the rule."""
-    if _cut_off(track, rate_hz, view) or _goes_on(track, starts, rate_hz):
+    """Return `BURNT_OUT`, `LEFT` or `LOST`; the notes of `flights` have the rule.
+
+    ``last`` is the flight's last detection, ``starts`` the first one of every track.
+    """
+    cut_off = last["frame"] / rate_hz + BEYOND_S > (view.frames.stop - 1) / rate_hz
+    at_border = _at_border(last, view)
+    if cut_off or _goes_on(last, starts, rate_hz) or burning == at_border:
         return LOST
-    at_border = _at_border(track, view)
-    if burning and not at_border:
-        return BURNT_OUT
-    if at_border and not burning:
-        return LEFT
-    return LOST
+    return BURNT_OUT if burning else LEFT
 
 
-def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
-    """Return whether the last detection is within `BEYOND_S` of the recording's end."""
-    if view.frames is None:
-        return False
-    end = (view.frames.stop - 1) / rate_hz
-    return bool(track["frame"].iloc[-1] / rate_hz + BEYOND_S > end)
-
-
-def _at_border(track: pd.DataFrame, view: FieldOfView) -> bool:
+def _at_border(last: pd.Series, view: FieldOfView) -> bool:
     """Return whether the last detection is at the region's border, or beyond it."""
     if view.roi is None:
         return False
-    last = track.iloc[-1]
     corners = check_finite(view.roi, "flights: view.roi", (None, 2))
     place = (float(last["row"]), float(last["col"]))
     inwards = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
     return inwards < EDGE_PX
 
 
-def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
+def _goes_on(last: pd.Series, starts: pd.DataFrame, rate_hz: float) -> bool:
     """Return whether another track continues this one.
 
-    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection. ``starts``
-    holds the first detection of every track.
+    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection.
     """
-    last = track.iloc[-1]
     places = ["row", "col"]
     after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
     apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)

@@ -70,7 +70,7 @@ def space_sliced_velocity(
     2      3.0           NaN     False
     """
     check_number(slice_m, "space_sliced_velocity: slice_m", least=1e-6)
-    end = float(np.minimum(fit.last_s, until_s) - fit.t0)
+    end = min(until_s, fit.last_s) - fit.t0
     if not end > 0:
         raise InputError(
             f"space_sliced_velocity: until_s or fit ends {end} s after t0."
@@ -127,13 +127,10 @@ def slices(
     parts = []
     for particle, fit in fits.items():
         table = space_sliced_velocity(fit, until_s=ends_s.get(particle, math.inf))
-        table = table[table["reached"]].assign(particle=particle)
-        behind = table["slice_m"] < 0
-        parts += [table[behind][::-1], table[~behind]]
-    filled = [part[SLICES.names] for part in parts if len(part)]
-    if not filled:
+        parts.append(table[table["reached"]].assign(particle=particle))
+    if not parts:
         return SLICES.empty()
-    return pd.concat(filled, ignore_index=True)
+    return pd.concat(parts, ignore_index=True)[SLICES.names]
 
 
 def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
@@ -154,11 +151,9 @@ def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
         One row per slice: ``slice_m``, ``number`` of particles, ``share`` of
         ``counted`` (0 to 1) and ``median_m_s``.
     """
-    columns = {
-        "number": ("particle", "nunique"),
-        "median_m_s": ("velocity_m_s", "median"),
-    }
-    table = sliced.groupby("slice_m").agg(**columns).reset_index()
+    table = sliced.groupby("slice_m", as_index=False).agg(
+        number=("particle", "nunique"), median_m_s=("velocity_m_s", "median")
+    )
     table.insert(2, "share", table["number"] / max(counted, 1))
     return table
 
@@ -173,7 +168,7 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
 
     def far(at: Array | float) -> Array:
         """Return the depth travelled, in steps, at ages in s; below 0: behind."""
-        return np.asarray(np.polyval(np.append(factors[::-1], 0.0), at) / step)
+        return np.polyval(np.append(factors[::-1], 0.0), at) / step
 
     # Between these ages the distance is monotone. The real part of a complex root does
     # no harm, and a double root that rounding makes complex is kept.
@@ -185,7 +180,7 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
     reached = []
     for level in range(1, min(int(furthest[-1]), MOST) + 1):
         # At least 1: the first age is 0, at the lance.
-        k = int(np.searchsorted(furthest, level))
+        k = np.searchsorted(furthest, level)
         rise = (age[k - 1], age[k])
         reached.append(brentq(lambda t, level=level: far(t) - level, *rise, xtol=1e-12))
     return reached

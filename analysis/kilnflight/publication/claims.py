@@ -157,7 +157,7 @@ def as_text(value: object) -> str:
 
 def all_of(*answers: bool | None) -> bool | None:
     """Return whether all answers are True; None if one is None and none False."""
-    if any(answer is not None and not answer for answer in answers):
+    if False in answers:
         return False
     if None in answers:
         return None
@@ -191,8 +191,3 @@ def within(low: float, high: float, least: float, most: float) -> bool | None:
     [True, None, False]
     """
     return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
-
-
-def count(table: pd.DataFrame) -> dict[str, int]:
-    """Return the number of claims with each verdict, in the order of `VERDICTS`."""
-    return {verdict: int((table["verdict"] == verdict).sum()) for verdict in VERDICTS}

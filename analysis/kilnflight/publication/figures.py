@@ -14,7 +14,7 @@ import json
 import re
 import subprocess
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -62,21 +62,21 @@ class Provenance:
         Seed of every random draw, if there is any.
     inputs
         SHA-256 of each file that was read, by name.
-    version
-        Version of kilnflight.
     commit
         Last commit on `SOURCES`; empty without git.
     mark
         Kind of data; it stands inside each picture.
+    version
+        Version of kilnflight.
     """
 
     notebook: str
-    parameters: Mapping[str, object] = field(default_factory=dict)
-    seed: int | None = None
-    inputs: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, object]
+    seed: int | None
+    inputs: Mapping[str, str]
+    commit: str
+    mark: str
     version: str = __version__
-    commit: str = ""
-    mark: str = "simulated"
 
 
 def trace(

@@ -85,11 +85,9 @@ class Plan:
         executed = self.build / f"{source.stem}.ipynb"
         if not (executed.is_file() and stamp.is_file()):
             return False
-        if stamp.read_text("utf-8") != self.stamp(source):
-            return False
-        if not saved.is_file():
-            return True
-        return all(Path(file).is_file() for file in saved.read_text().splitlines())
+        files = saved.read_text().splitlines() if saved.is_file() else []
+        there = all(Path(file).is_file() for file in files)
+        return there and stamp.read_text("utf-8") == self.stamp(source)
 
 
 def number(source: Path) -> str:
@@ -123,22 +121,16 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
     others = set(stale) - {source}
     if own in SUMMARY:
         return {each for each in others if number(each) not in SUMMARY}
-    first = set()
-    if own != COMPILES and not own.startswith("4"):
-        first = {COMPILES}
-    if own.startswith("5") and own != CAMPAIGNS:
-        first.add(CAMPAIGNS)
+    first = []
+    if not own.startswith("4"):
+        first.append(COMPILES)
+    if own.startswith("5"):
+        first.append(CAMPAIGNS)
     waited = {each for each in others if number(each) in first}
     if own == CAMPAIGNS and scale == "full":
         late = ("5", *SUMMARY)
         waited |= {each for each in others if not each.stem.startswith(late)}
     return waited
-
-
-def in_order(sources: Sequence[Path]) -> list[Path]:
-    """Return notebooks by their length, the longest first."""
-    order = {name: k for k, name in enumerate(LONGEST)}
-    return sorted(sources, key=lambda source: order.get(number(source), len(order)))
 
 
 def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
@@ -150,7 +142,10 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
     if not stale:
         return 0
     stale += [each for each in wanted if number(each) in SUMMARY]
-    waiting = in_order([*dict.fromkeys(stale)])
+    order = {name: k for k, name in enumerate(LONGEST)}
+    waiting = sorted(
+        dict.fromkeys(stale), key=lambda each: order.get(number(each), len(order))
+    )
     before = {each: waits_for(each, waiting, plan.scale) for each in waiting}
     plan.build.mkdir(parents=True, exist_ok=True)
     write_whole(plan.build / "ran", b"")  # the pages are older now

@@ -1,8 +1,7 @@
 """The look of all figures: one style, print size, readable without colours."""
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,13 +69,7 @@ STYLE: Any = {
     **matplotlib.rc_params_from_file(SHEET, use_default_template=False),
     "axes.prop_cycle": cycler(color=COLOURS, linestyle=LINES),
 }
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the project's style inside a ``with`` block."""
-    with matplotlib.rc_context(STYLE):
-        yield
+style = partial(matplotlib.rc_context, STYLE)  # draws in the style within a block
 
 
 def use_style() -> None:

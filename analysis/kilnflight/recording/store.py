@@ -270,14 +270,12 @@ def _write(
     # disable=None shows a bar in a terminal and nothing in logs and notebooks.
     for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
         frame = recording.frame(t)
-        points = len(frame.xyz)
-        arrays["gray"][position] = frame.gray
-        if points:
-            arrays["pixels"][position, :points] = frame.pixels
-            arrays["xyz"][position, :points] = frame.xyz
-        if frame.labels is not None:
-            arrays["labels"][position] = frame.labels
-        rows.append((frame.index, frame.time_s, points, frame.labels is not None))
+        labelled = frame.labels is not None
+        for name in KINDS:
+            values = getattr(frame, name)
+            if values is not None and len(values):
+                arrays[name][position, : len(values)] = values
+        rows.append((frame.index, frame.time_s, len(frame.xyz), labelled))
     table = pd.DataFrame(rows, columns=[*PER_FRAME])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
@@ -295,18 +293,16 @@ def _create(
     """Return a new, empty group and its arrays."""
     stated = {"format": FORMAT, **asdict(attributes)}
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=stated)
-    pixels = attributes.rows * attributes.columns
     arrays = {}
     for name, kind in KINDS.items():
-        shape = attributes.size
-        chunk = shape
+        rows, columns = attributes.size
         if name in POINT_NUMBERS:
-            shape = (pixels, POINT_NUMBERS[name])
-            chunk = (min(POINTS_PER_CHUNK, pixels), POINT_NUMBERS[name])
+            rows *= columns
+            columns = POINT_NUMBERS[name]
         arrays[name] = group.create_array(
             name,
-            shape=(length, *shape),
-            chunks=(1, *chunk),
+            shape=(length, rows, columns),
+            chunks=(1, min(rows, POINTS_PER_CHUNK), columns),
             dtype=kind,
             compressors=ZstdCodec(level=1, checksum=True),
             config={"write_empty_chunks": True},  # a chunk without a file is damage

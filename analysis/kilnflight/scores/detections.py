@@ -10,6 +10,7 @@ compares that threshold with the distance of two centres: 45 px (`DETECTION_GATE
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,11 +57,11 @@ def rates(
     [0.9772, 0.7422, 0.8436]
     """
     where = "rates: counts"
-    tp = np.atleast_1d(check_finite(true_positives, where))
+    first = check_finite(true_positives, where)
+    others = (false_positives, false_negatives)
+    checked = [check_finite(each, where, first.shape) for each in others]
+    tp, fp, fn = np.atleast_1d(first, *checked)
     check_shape(tp, (None,), where)
-    shape = np.shape(true_positives)
-    fp = np.atleast_1d(check_finite(false_positives, where, shape))
-    fn = np.atleast_1d(check_finite(false_negatives, where, shape))
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
     table = {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
     return pd.DataFrame(table)
@@ -216,14 +217,12 @@ def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
     """
     missed = np.setdiff1d(true, pairs[:, 0])
     spurious = np.setdiff1d(found, pairs[:, 1])
-    shares = rates(len(pairs), len(spurious), len(missed)).iloc[0]
+    shares: Any = rates(len(pairs), len(spurious), len(missed)).loc[0].to_dict()
     return FrameScore(
         tp=len(pairs),
         fp=len(spurious),
         fn=len(missed),
-        precision=float(shares["precision"]),
-        recall=float(shares["recall"]),
-        f1=float(shares["f1"]),
+        **shares,
         pairs=pairs[np.argsort(pairs[:, 0])],
         missed=missed,
         spurious=spurious,
@@ -237,8 +236,6 @@ def pair(first: Array, second: Array, gate: float) -> Index:
     farther apart than ``gate``, in the unit of the points; of these assignments the one
     with the smallest sum of distances.
     """
-    if not len(first) or not len(second):
-        return np.empty((0, 2), dtype=np.intp)
     near = KDTree(first).sparse_distance_matrix(
         KDTree(second), gate, output_type="ndarray"
     )
@@ -251,7 +248,7 @@ def pair(first: Array, second: Array, gate: float) -> Index:
 
 def count_in_air(
     score: FrameScore, truth_in_air: npt.ArrayLike, detected_in_air: npt.ArrayLike
-) -> dict[str, int]:
+) -> dict[str, Any]:
     """Return TP, FP and FN of one frame's classification as in the air.
 
     As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is
@@ -281,4 +278,4 @@ def count_in_air(
     particles = np.append(particle, score.missed)
     fp = np.count_nonzero(classified[positives]) - tp
     fn = np.count_nonzero(flies[particles]) - tp
-    return {"tp": int(tp), "fp": int(fp), "fn": int(fn)}
+    return {"tp": tp, "fp": fp, "fn": fn}

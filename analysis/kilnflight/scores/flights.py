@@ -98,14 +98,12 @@ def remaining(values: FlightValues) -> tuple[Array, Index]:
     marks = np.array(MARKS_M) - 1e-9  # reaching a mark counts as passing it
     counted = (~values.lost[:, None] | (far[:, None] >= marks)).sum(axis=0)
     if not len(far):
-        return np.full(len(marks), np.nan), counted
+        return np.nan * marks, counted
     distances = scipy.stats.CensoredData(
         uncensored=far[~values.lost], right=far[values.lost]
     )
-    curve = scipy.stats.ecdf(distances).sf
-    share = 100.0 * np.asarray(curve.evaluate(marks))
-    unknown = (marks > far.max()) & (share > 0.0)
-    share[unknown] = np.nan
+    share = 100.0 * np.asarray(scipy.stats.ecdf(distances).sf.evaluate(marks))
+    share[(marks > far.max()) & (share > 0.0)] = np.nan
     return share, counted
 
 

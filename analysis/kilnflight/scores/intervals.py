@@ -18,7 +18,7 @@ import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array
-from kilnflight.checks import check_finite, check_number
+from kilnflight.checks import check_number
 from kilnflight.scores.tracks import TrackScore
 
 LEVEL = 0.95
@@ -36,44 +36,41 @@ class Interval(NamedTuple):
         NaN if a group is empty: there is nothing to estimate.
     low, high
         Infinite where the sample is too small to say (-1, 0 or 1 for shares).
-    numbers
-        Particles in each group: one group, or two of a difference.
+    number
+        Particles, in both groups of a difference.
     """
 
     estimate: float
     low: float
     high: float
-    numbers: tuple[int, ...]
+    number: int
 
 
-def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
-    """Return the ends of the interval that holds the middle 95 % of draws (n,)."""
-    tail = (1 - LEVEL) / 2
-    draws = check_finite(values, "percentiles: values", (None,))
-    if not len(draws):
-        return math.nan, math.nan
-    low, high = np.quantile(draws, [tail, 1 - tail]).tolist()
-    return low, high
+def percentiles(draws: Array) -> Array:
+    """Return the ends (2,) of the middle 95 % of draws (n,), NaN if one is NaN."""
+    return np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
 
 
 def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
-    """Return the median of finite values (n,) with its bootstrap interval (Efron).
+    """Return the median of values (n,) with its bootstrap interval (Efron).
 
-    The interval has the values' unit. ``generator`` is copied, not advanced, so that
-    the same particles have the same interval everywhere.
+    Values that are not finite are unknown and left out. The interval has the values'
+    unit. ``generator`` is copied, not advanced, so that the same particles have the
+    same interval everywhere.
 
     Notes
     -----
     Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent
     for medians. The interval is infinite with fewer than `LEAST` values.
     """
-    sample = check_finite(values, "median_interval: values", (None,))
+    sample = np.asarray(values, np.float64)
+    sample = sample[np.isfinite(sample)]
     number = len(sample)
     if number == 0:
-        return Interval(math.nan, -math.inf, math.inf, (0,))
+        return Interval(math.nan, -math.inf, math.inf, 0)
     estimate = float(np.median(sample))
     if number < LEAST:
-        return Interval(estimate, -math.inf, math.inf, (number,))
+        return Interval(estimate, -math.inf, math.inf, number)
     low, high = scipy.stats.bootstrap(
         (sample,),
         np.median,
@@ -83,7 +80,7 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
         method="percentile",
         rng=copy.deepcopy(generator),
     ).confidence_interval
-    return Interval(estimate, float(low), float(high), (number,))
+    return Interval(estimate, float(low), float(high), number)
 
 
 def share(number: int, counted: int) -> Interval:
@@ -99,10 +96,10 @@ def share(number: int, counted: int) -> Interval:
     """
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
-        return Interval(math.nan, 0.0, 1.0, (0,))
+        return Interval(math.nan, 0.0, 1.0, 0)
     test = scipy.stats.binomtest(number, counted)
     low, high = test.proportion_ci(LEVEL, method="wilson")
-    return Interval(number / counted, float(low), float(high), (counted,))
+    return Interval(number / counted, float(low), float(high), counted)
 
 
 def track_draws(
@@ -132,9 +129,8 @@ def track_draws(
     """
     count = len(score.true_tracks)
     generator = np.random.default_rng(seed)
-    columns = ["length", "gain", "tp", "fp", "paired"]
-    true = score.true_tracks[columns].to_numpy(np.float64)
-    false = score.false_tracks[["length", "positions"]].to_numpy(np.float64)
+    true = score.true_tracks[["length", "gain", "tp", "fp", "paired"]].to_numpy(float)
+    false = score.false_tracks[["length", "positions"]].to_numpy(float)
     times = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
     length, gain, tp, fp, paired = (times @ true).T
     again = np.random.default_rng(false_seed).poisson(1.0, (DRAWS, len(false)))
@@ -149,10 +145,10 @@ def difference_interval(first: Interval, second: Interval) -> Interval:
     The estimates must be independent. The distances from the estimates to the ends add
     as squares. An unknown end makes the interval infinite.
     """
-    numbers = (*first.numbers, *second.numbers)
+    number = first.number + second.number
     estimate = first.estimate - second.estimate
     down = math.hypot(first.estimate - first.low, second.high - second.estimate)
     up = math.hypot(first.high - first.estimate, second.estimate - second.low)
     if math.isnan(estimate + down + up):
-        return Interval(estimate, -math.inf, math.inf, numbers)
-    return Interval(estimate, estimate - down, estimate + up, numbers)
+        return Interval(estimate, -math.inf, math.inf, number)
+    return Interval(estimate, estimate - down, estimate + up, number)

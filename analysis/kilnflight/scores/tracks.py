@@ -133,13 +133,12 @@ def score_tracks(
     (0.375, 0.375, 0.75, 1.0)
     """
     check_number(gate, "score_tracks: gate", above=0)
-    names = [columns] if isinstance(columns, str) else list(columns)
-    if not names or isinstance(columns, str) or len(set(names)) < len(names):
+    if isinstance(columns, str) or not 0 < len(set(columns)) == len(columns):
         raise InputError(
             f"score_tracks: columns {columns!r}; pass a list of names, each once."
         )
-    true = _read_tracks(truth, names, "score_tracks: truth", bridged)
-    other = _read_tracks(candidate, names, "score_tracks: candidate", bridged)
+    true = _read_tracks(truth, columns, "score_tracks: truth", bridged)
+    other = _read_tracks(candidate, columns, "score_tracks: candidate", bridged)
     if not true:
         raise InputError("score_tracks: truth holds no track, so alpha is 0 / 0.")
     compared = _compare(true, other, gate)
@@ -148,15 +147,15 @@ def score_tracks(
     alone = np.setdiff1d(np.arange(len(other)), col)
     sizes = [(other[k].length, len(other[k].frames)) for k in alone]
     spurious = pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
-    length = int(units["length"].sum())
-    tp = int(units["tp"].sum())
+    length, tp, fp = units[["length", "tp", "fp"]].sum().tolist()
+    frames, positions = spurious.sum().tolist()
     gain = float(compared.gain[row, col].sum())
     return TrackScore(
         alpha=gain / length,
-        beta=gain / (length + int(spurious["length"].sum())),
+        beta=gain / (length + frames),
         tp=tp,
         fn=length - tp,
-        fp=int(units["fp"].sum() + spurious["positions"].sum()),
+        fp=fp + positions,
         tp_tracks=len(row),
         fn_tracks=len(true) - len(row),
         fp_tracks=len(spurious),
@@ -174,11 +173,9 @@ def _paired(
     distance: pd.Series,
 ) -> pd.DataFrame:
     """Return the table ``pairs`` of `TrackScore`; ``distance`` is by true track."""
-    particles = np.array([track.particle for track in true], dtype=np.int64)
-    candidates = np.array([track.particle for track in other], dtype=np.int64)
     pairs = {
-        "truth": particles[row],
-        "candidate": candidates[col],
+        "truth": np.array([true[k].particle for k in row], np.int64),
+        "candidate": np.array([other[k].particle for k in col], np.int64),
         "distance": np.maximum(distance.to_numpy()[row], 0.0),
     }
     return pd.DataFrame(pairs).sort_values("truth", ignore_index=True)

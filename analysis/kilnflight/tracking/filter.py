@@ -24,11 +24,12 @@ sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any 
 import math
 from dataclasses import dataclass
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import toeplitz
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from scipy.special import gammainc
 
 from kilnflight.arrays import Array, Flags, Index, Integers
@@ -73,22 +74,21 @@ class Motion:
     def transition(self, frames: float) -> Array:
         """Return the transition matrix F (k, k) over a number of frames (Eq. 4.4)."""
         powers = [frames**k / math.factorial(k) for k in range(len(self.spreads))]
-        block = toeplitz(np.eye(1, len(powers))[0], powers)
-        return np.asarray(np.kron(block, np.eye(len(self.velocity))), dtype=np.float64)
+        block: Any = toeplitz(np.eye(1, len(powers))[0], powers)
+        return np.kron(block, np.eye(len(self.velocity)))
 
     def process_noise(self, frames: float) -> Array:
         """Return the covariance Q (k, k) of the white noise over a number of frames."""
         # Imported late: it imports matplotlib and more.
         from filterpy.common import Q_continuous_white_noise
 
-        noise = Q_continuous_white_noise(
+        return Q_continuous_white_noise(
             dim=len(self.spreads),
-            dt=float(frames),
+            dt=frames,
             spectral_density=self.noise**2,
             block_size=len(self.velocity),
             order_by_dim=False,
         )
-        return np.asarray(noise, dtype=np.float64)
 
     def measurement_noise(self) -> Array:
         """Return the covariance R (d, d) of a measurement in px^2, one for all axes."""
@@ -231,7 +231,7 @@ def update(
         squares = weights[:, None, None] * apart[:, :, None] * apart[:, None]
         np.add.at(scatter, track, squares)
         spread += root.mT @ scatter @ root  # Eq. 2.56
-    return moved, np.asarray(0.5 * (spread + spread.mT))
+    return moved, 0.5 * (spread + spread.mT)
 
 
 class Detected(NamedTuple):
@@ -346,8 +346,7 @@ class Gate:
         j = j[some]
         sizes = np.zeros(len(i))
         if points is not None and detected.points is not None:
-            sizes = np.abs(points[i] - detected.points[j])
-            sizes[np.isnan(sizes)] = 0.0
+            sizes = np.nan_to_num(np.abs(points[i] - detected.points[j]))
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         return Pairs(
             track=i,
@@ -357,7 +356,7 @@ class Gate:
             innovation=innovation[some],
             log_determinant=logs,
             gate_area=ball * self.distance**d * np.exp(logs / 2),
-            gate_probability=float(gammainc(d / 2, limit / 2)),
+            gate_probability=gammainc(d / 2, limit / 2),
             expected=expected,
             residual=residual,
             root=root,
@@ -391,8 +390,7 @@ def _near(expected: Array, positions: Array, reach: Array) -> tuple[Index, Index
     """Return the pairs of tracks and detections within squared distances (n,)."""
     n = len(expected)
     if n * len(positions) <= FEW:
-        axes = zip(expected.T, positions.T, strict=True)
-        apart = sum(np.square(one[:, None] - other) for one, other in axes)
+        apart: Any = cdist(expected, positions, "sqeuclidean")
         return (apart <= reach[:, None]).nonzero()
     tree = cKDTree(positions, 32, compact_nodes=False, balanced_tree=False)
     found = tree.query_ball_point(expected, np.sqrt(reach))

@@ -100,7 +100,7 @@ class Management:
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each of n tracks lives on in ``frame``, (n,)."""
         seldom = tracks["visible"] < self.visibility * (frame - tracks["born"])
-        return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
+        return ~seldom & (frame - 1 - tracks["last"] <= self.invisible)
 
 
 # Weights (p,), extra columns (n,) of tracks, and (m,) of detections if they start one.
@@ -218,20 +218,14 @@ def _averaged(detections: pd.DataFrame, shared: Sequence[Shares]) -> pd.DataFram
     Means are of row, col, x, y, z; an unknown value has no weight.
     """
     at, rows, weights = map(np.concatenate, zip(*shared, strict=True))
-    count = len(detections)
-    several = np.flatnonzero(np.bincount(at, minlength=count) > 1)
-    if not len(several):
-        return detections
-    table = detections.copy()
-    for name in table.columns.intersection(["row", "col", "x", "y", "z"]):
-        places = table[name].to_numpy(np.float64, copy=True)
-        known = ~np.isnan(places[rows])
-        values = np.where(known, places[rows], 0.0)
-        sums = np.bincount(at, weights * values, count)[several]
-        with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
-            places[several] = sums / np.bincount(at, weights * known, count)[several]
-        table[name] = places
-    return table
+    names = detections.columns.intersection(["row", "col", "x", "y", "z"])
+    places = detections[names].astype(np.float64)
+    used = places.iloc[rows]
+    sums = used.mul(weights, axis=0).groupby(at).sum()
+    means = sums / used.notna().mul(weights, axis=0).groupby(at).sum()
+    several = np.flatnonzero(np.bincount(at) > 1)
+    places.iloc[several] = means.loc[several].to_numpy()
+    return detections.assign(**places)
 
 
 def steps(
@@ -263,9 +257,9 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
 
     Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in
     px in place of row, col is renamed. ``span`` is the number of frames since the last
-    frame with detections, 0 in the first one. Unknown z and points are NaN, or None
-    where all are. Within a frame, detections are sorted by row, col, z, points: ids of
-    new tracks and ties then do not depend on the order of the table.
+    frame with detections, 0 in the first one. Unknown z and points are NaN. Within
+    a frame, detections are sorted by row, col, z, points: ids of new tracks and ties
+    then do not depend on the order of the table.
     """
     table = with_pixels(table)
     rows = np.arange(len(table))
@@ -282,25 +276,18 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
         points = np.where(points > 0, points, np.nan)
     order = np.lexsort((points, z, col, row, frames))
     places = np.stack([row, col], axis=1)
-    depth = _unless_unknown(z)
-    sizes = _unless_unknown(points)
     numbers, starts = np.unique(frames[order], return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1])
     parts = np.split(order, starts[1:])
     for number, span, part in zip(numbers, spans, parts, strict=False):
         yield Detected(
             positions=places[part],
-            depth_mm=None if depth is None else depth[part],
-            points=None if sizes is None else sizes[part],
+            depth_mm=z[part],
+            points=points[part],
             frame=int(number),
             span=float(span),
             rows=rows[part],
         )
-
-
-def _unless_unknown(values: Array) -> Array | None:
-    """Return the values, or None if all are NaN, which saves time in the gate."""
-    return None if np.isnan(values).all() else values
 
 
 def _newborn(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> Tracks:

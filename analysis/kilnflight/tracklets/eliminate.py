@@ -70,9 +70,10 @@ def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
     frame.
     """
     path, speed = step_speeds(names, frame, place)
-    return means(path, speed, int(names.max(initial=-1)) + 1)
+    return means(path, speed, names.max(initial=-1) + 1)
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # of paths that are too short
 def regularity(names: Index, frame: Whole, place: Array) -> Array:
     """Return the correlation (m,) of each path with quadratic polynomials (Eq. 4.15).
 
@@ -92,22 +93,19 @@ def regularity(names: Index, frame: Whole, place: Array) -> Array:
     def centred(values: Array) -> Array:
         return values - sums(values) / count[names]
 
-    long = (count > 3)[names]
     time = frame - frame[first][names]
-    straight = centred(time / np.maximum(time[first + count - 1][names], 1))
+    straight = centred(time / time[first + count - 1][names])
     square = straight * straight
-    slope = sums(square * straight) / np.where(long, sums(square), 1.0)
-    bent = centred(square) - straight * slope
+    bent = centred(square) - straight * (sums(square * straight) / sums(square))
     total = np.zeros(len(names))
     left = np.zeros(len(names))
     for axis in place[:, :2].T:
         rest = centred(axis - axis[first][names])  # exactly 0 without motion
         total += rest**2
         for base in (straight, bent):
-            factor = sums(rest * base) / np.where(long, sums(base * base), 1.0)
-            rest = rest - base * factor
+            rest = rest - base * (sums(rest * base) / sums(base * base))
         left += rest**2
     whole = np.bincount(names, total)
-    unexplained = np.bincount(names, left) / np.where(whole > 0, whole, 1.0)
+    unexplained = np.bincount(names, left) / whole
     known = (count > 3) & (whole > 0)
     return np.where(known, np.sqrt(np.maximum(1.0 - unexplained, 0.0)), 1.0)

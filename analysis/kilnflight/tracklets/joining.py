@@ -4,7 +4,7 @@ Sections 4.2.3 and 4.2.4 of the thesis.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -69,9 +69,7 @@ def hungarian(pairs: Candidates) -> Index:
     and one after it.
     """
     order = np.lexsort((pairs.later, pairs.earlier))
-    earlier = pairs.earlier[order]
-    later = pairs.later[order]
-    cost = pairs.cost[order]
+    earlier, later, cost = _take(pairs, order)
     most = min(len(np.unique(earlier)), len(np.unique(later)))
     # A tracklet without partner costs more than all pairs together, so no pair is given
     # up.
@@ -148,7 +146,7 @@ class Joining(PathStep):
     jump: float = np.inf
     half_width: float = 15.0
     average: bool = False
-    costs: Costs = field(default_factory=Costs)
+    costs: Costs = Costs()
     matching: Callable[[Candidates], Index] = dual_nearest
     # Whether the later tracklet may end before the earlier one.
     nested: ClassVar[bool] = False
@@ -168,11 +166,7 @@ class Joining(PathStep):
             if differences is not None:
                 new = self._with_feature(paths, new, differences)
             old = _take(known, ~(changed[known.earlier] | changed[known.later]))
-            known = Candidates(
-                earlier=np.append(old.earlier, new.earlier),
-                later=np.append(old.later, new.later),
-                cost=np.append(old.cost, new.cost),
-            )
+            known = Candidates(*map(np.append, old, new))
             chosen = _once(_take(known, self.matching(known)))
             if not len(chosen.earlier):
                 return paths.grouped(paths.names())
@@ -267,22 +261,19 @@ class Joining(PathStep):
         part = names[2:][within]
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > _OUTLIERS.angle_deg) & (change > _OUTLIERS.change)
-        allowed = np.bincount(part, sharp[within], minlength=count) == 0
         path, speed = step_speeds(names, frame, place)
-        allowed &= np.bincount(path, speed > limit[path], minlength=count) == 0
-        allowed &= means(path, speed, count) > _FALSE.speed
+        allowed = means(path, speed, count) > _FALSE.speed
         allowed &= regularity(names, frame, place) > _FALSE.regularity
-        deep = np.flatnonzero(~np.isnan(place[:, 2]))
-        deep_names = names[deep]
-        within = np.diff(deep_names) == 0
-        frames = np.maximum(np.diff(frame[deep]), 1)
-        rate = (np.abs(np.diff(place[deep, 2])) / frames)[within]
-        deeper = deep_names[1:][within]
+        allowed[part[sharp[within]]] = False
+        allowed[path[speed > limit[path]]] = False
+        deep = ~np.isnan(place[:, 2])
+        within = np.diff(names[deep]) == 0
+        rate = np.abs(velocities(frame[deep], place[deep, 2:])[within, 0])
+        deeper = names[deep][1:][within]
         cost = means(part, turned, count)
         cost += self.costs.depth * means(deeper, rate, count)
-        # Eq. 4.22: no change of depth at the limit or above
-        too_deep = np.bincount(deeper, ~(rate < self.depth), minlength=count)
-        return cost, allowed & (too_deep == 0) & (self.depth > 0)
+        allowed[deeper[rate >= self.depth]] = False  # Eq. 4.22
+        return cost, allowed
 
     def _with_feature(
         self, paths: Paths, pairs: Candidates, differences: Any
@@ -299,7 +290,7 @@ class Joining(PathStep):
         for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
             start = paths.place[last[i], :2]
             end = paths.place[first[k], :2]
-            period = int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())
+            period = paths.frame[first[i]], paths.frame[last[[i, k]]].max()
             energy[n] = level_edge(
                 start, end, period, differences, self.half_width, self.average
             )
@@ -400,7 +391,7 @@ class Fusion(Joining):
     """
 
     distance: float = 10.0
-    costs: Costs = field(default_factory=lambda: Costs(gap=0.0, overlap=0.0))
+    costs: Costs = Costs(gap=0.0, overlap=0.0)
     nested: ClassVar[bool] = True
 
 
@@ -422,8 +413,8 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     common frame, the earlier one ends before the later one starts, and the later one
     starts after the earlier ends.
     """
-    low = int(paths.frame.min(initial=0))
-    width = int(paths.frame.max(initial=0)) - low + 2
+    low = paths.frame.min(initial=0)
+    width = paths.frame.max(initial=0) - low + 2
     key = paths.names() * width + paths.frame - low  # ascends
     first = paths.frame[paths.starts[k]] - low
     last = paths.frame[paths.starts[i + 1] - 1] - low
@@ -438,12 +429,11 @@ def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     point = point[both]
     match = match[both]
     common = np.bincount(pair, minlength=len(i))
-    rows, cols = (paths.place[point, :2] - paths.place[match, :2]).T
-    apart = np.hypot(rows, cols)
+    apart = np.hypot(*(paths.place[point, :2] - paths.place[match, :2]).T)
     distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
-    ends = np.cumsum(common)[common > 0]
-    before[common > 0] = point[ends - common[common > 0]] + 1
-    after[common > 0] = match[ends - 1]
+    # The last assignment counts: the first common frame, then the last one.
+    before[pair[::-1]] = point[::-1] + 1
+    after[pair] = match
     return Overlap(common=common, distance=distance, until=before, since=after)
 
 
@@ -489,7 +479,7 @@ def _once(pairs: Candidates) -> Candidates:
     used = set[int]()
     chosen = list[int]()
     for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
-        pair = int(pairs.earlier[k]), int(pairs.later[k])
+        pair = pairs.earlier[k], pairs.later[k]
         if used.isdisjoint(pair):
             used.update(pair)
             chosen.append(k)
@@ -517,8 +507,7 @@ def _step_over_gap(paths: Paths, pairs: Candidates) -> Array:
     """Return the step (p,) in px from the end of one to the start of the other."""
     start = paths.place[paths.starts[pairs.later], :2]
     end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
-    rows, cols = (start - end).T
-    return np.hypot(rows, cols)
+    return np.hypot(*(start - end).T)
 
 
 def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
@@ -569,5 +558,4 @@ def _take(table: Any, chosen: Flags | Integers) -> Any:
 
 def _mean(first: Array, second: Array) -> Array:
     """Return the mean of two arrays of places; of a NaN and a value, the value."""
-    mean = (first + second) / 2
-    return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))
+    return (np.fmin(first, second) + np.fmax(first, second)) / 2

@@ -106,7 +106,7 @@ class OutlierRemoval(PathStep):
     def _turned(self, before: Array, after: Array) -> Flags:
         """Return which velocities (n, 2) in px/frame change as in Eq. 4.18, (n,)."""
         angle, change = turns(before, after)
-        return np.asarray((angle > self.angle_deg) & (change > self.change))
+        return (angle > self.angle_deg) & (change > self.change)
 
 
 @dataclass(frozen=True)
@@ -174,9 +174,9 @@ class Cutting:
             points = path[known[path]]
             if len(points) > 1:
                 time = paths.frame[points] / frame_rate_hz
-                z, x, y = paths.place[points, 2:].T
-                across = self._across(time, np.stack([x, y], axis=1), z)
-                cuts[points[1:]] = across | self._along(time, z)
+                depth = paths.place[points, 2]
+                across = self._across(time, paths.place[points, 3:], depth)
+                cuts[points[1:]] = across | self._along(time, depth)
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
@@ -192,8 +192,8 @@ class Cutting:
         ahead = np.where(depth > 0, depth, np.nan)
         step = np.diff(place / ahead[:, None], axis=0)
         nearer = np.minimum(ahead[1:], ahead[:-1])
-        across = np.hypot(step[:, 0], step[:, 1]) * nearer
-        return np.asarray(across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM)
+        across = np.hypot(*step.T) * nearer
+        return across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM
 
     def _along(self, time: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) along the line of sight are impossible and last.
@@ -202,9 +202,8 @@ class Cutting:
         detections before to the `LEAST_PART` after must be impossible, in the same
         direction.
         """
-        steps = np.zeros(len(depth) - 1, dtype=np.bool_)
         if len(depth) < 2 * LEAST_PART:
-            return steps
+            return np.zeros(len(depth) - 1, dtype=np.bool_)
         both = np.stack([time, depth])
         around = sliding_window_view(both, 2 * LEAST_PART, axis=1)
         before = around[:, :, :LEAST_PART, None]
@@ -213,5 +212,4 @@ class Cutting:
         limit = 1000 * self.fastest_m_s * flown + DEPTH_MM
         away = (step > limit).all(axis=(1, 2))
         back = (-step > limit).all(axis=(1, 2))
-        steps[LEAST_PART - 1 : len(depth) - LEAST_PART] = away | back
-        return steps
+        return np.pad(away | back, LEAST_PART - 1)

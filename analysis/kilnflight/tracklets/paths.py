@@ -28,16 +28,16 @@ class Paths(NamedTuple):
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def usual_speeds(self, some: Index) -> tuple[Array, Array]:
-        """Return the median and the largest speed (m,) of tracklets in px/frame.
+    def usual_speeds(self, some: Index) -> Array:
+        """Return the median and the largest speed (2, m) of tracklets in px/frame.
 
-        It is 0 without a step, and for tracklets that are not among ``some``.
+        They are 0 without a step, and for tracklets that are not among ``some``.
         """
         names, points = ranges(self.starts[some], self.starts[some + 1])
         path, speed = step_speeds(some[names], self.frame[points], self.place[points])
         found = pd.Series(speed).groupby(path).agg(["median", "max"])
         every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
-        return every["median"].to_numpy(), every["max"].to_numpy()
+        return every.to_numpy().T
 
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
@@ -164,8 +164,7 @@ def step_speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]
     ``names`` (n,) is the path of each point; points are sorted by path and frame.
     """
     within = np.diff(names) == 0
-    velocity = velocities(frame, place)[within]
-    return names[1:][within], np.hypot(velocity[:, 0], velocity[:, 1])
+    return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
 
 def turns(before: Array, after: Array) -> tuple[Array, Array]:
@@ -176,12 +175,9 @@ def turns(before: Array, after: Array) -> tuple[Array, Array]:
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
-    step = after - before
-    change = np.hypot(step[:, 0], step[:, 1])
-    # The arctangent of 0 and -0 would be 180 degrees.
-    standing = (across == 0.0) & (along == 0.0)
-    angle = np.where(standing, 0.0, np.degrees(np.arctan2(np.abs(across), along)))
-    return angle, change
+    change = np.hypot(*(after - before).T)
+    # Without + 0.0 the angle of 0 and -0 would be 180 degrees.
+    return np.degrees(np.arctan2(np.abs(across), along + 0.0)), change
 
 
 def means(part: Integers, values: Array, count: int) -> Array:
@@ -191,7 +187,7 @@ def means(part: Integers, values: Array, count: int) -> Array:
     """
     number = np.bincount(part, minlength=count)
     total = np.bincount(part, values, minlength=count)
-    return np.asarray(total / np.maximum(number, 1))
+    return total / np.maximum(number, 1)
 
 
 def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:

@@ -55,9 +55,9 @@ def texture_energy(
         return np.abs(found)
 
     values = (response(first, second) + response(second, first))[inside] / 2
-    total = float(values.sum())
+    total = values.sum()
     if average:
-        total /= max(int(np.count_nonzero(values)), 1)
+        total /= max(np.count_nonzero(values), 1)
     return total
 
 

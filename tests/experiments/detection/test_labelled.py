@@ -6,7 +6,6 @@ from kilnflight.detection import DoG, QuasiClusterCenters
 from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments.detection import labelled, sift_row, summaries
-from kilnflight.simulated.kiln import truth
 
 MEDIAN = background.Median(window=20)
 
@@ -14,17 +13,7 @@ MEDIAN = background.Median(window=20)
 @pytest.fixture(scope="module")
 def subset(kept_scene):
     twin = kept_scene("V3@small")
-    frames = (75, 76)
-    instances = {t: truth.instances(twin, t) for t in frames}
-    return labelled.Subset(
-        name="V3",
-        recording=twin,
-        frames=frames,
-        particles=truth.marked(twin, frames),
-        instances=instances.get,
-        background=MEDIAN,
-        cache={},
-    )
+    return labelled.Subset.of(twin, (75, 76), MEDIAN)._replace(name="V3")
 
 
 def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
@@ -69,9 +58,8 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
     wall = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 700.0)
     ((t, view),) = chain.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)
-    marked, detected = labelled.positions(
-        [subset], {"V3": Combination(DoG(1500.0))}, wall
-    )
+    marked = labelled.place_marked([subset], wall)
+    detected = labelled.with_distance(Combination(DoG(1500.0))(view), wall)
     places = marked[["x", "y", "z"]].to_numpy()
     for particle, place in zip(marked["particle"], places, strict=True):
         points = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == particle]
@@ -112,7 +100,7 @@ def test_sift_with_each_edge_is_scored_at_the_threshold_of_the_other_subset(subs
 
 
 def test_keypoints_above_the_largest_are_left_out(subset):
-    ((_, view),) = labelled.subset_views(subset._replace(frames=(75,)))
+    (view,) = subset._replace(frames=(75,)).views()
     detector = DoG(500.0)
     counts = [
         len(labelled.from_foreground(detector, largest)(view))
@@ -122,7 +110,7 @@ def test_keypoints_above_the_largest_are_left_out(subset):
 
 
 def test_clusters_are_found_once_and_as_by_their_clusterer(subset):
-    ((_, view),) = labelled.subset_views(subset._replace(frames=(75,)))
+    (view,) = subset._replace(frames=(75,)).views()
     clusters = labelled.SharedClusters()
     alone = (QuasiClusterCenters(30, 0.1),)
     for passes in (*labelled.PASSES.values(), alone):

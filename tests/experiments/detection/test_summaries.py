@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments.detection import summaries
+from kilnflight.scores.intervals import DRAWS
 
 
 def attempts(**true_positives):
@@ -26,8 +27,8 @@ def attempts(**true_positives):
 
 def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     table = attempts(one=(5, 5, 5), other=(8, 8, 8))
-    draws = summaries.resampled_rates(table, 0, draws=50)
-    assert {rate.shape for rate in draws.values()} == {(50, 2)}
+    draws = summaries.resampled_rates(table, 0)
+    assert {rate.shape for rate in draws.values()} == {(DRAWS, 2)}
     assert draws["f1"]["one"].to_numpy() == pytest.approx(2 * 5 / 15)
     assert draws["recall"]["other"].to_numpy() == pytest.approx(0.8)
     assert (draws["precision"] == 1).all(axis=None)

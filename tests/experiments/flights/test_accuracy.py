@@ -15,10 +15,10 @@ LEARNED = LearnedSettings(
 TRUE = pd.DataFrame(
     {
         "particle": [10, 11, 12],
-        "ending": ["burnt out", "landed", "landed"],
-        "dwell_s": [0.3, 0.4, 0.5],
-        "velocity_m_s": [5.0, 6.0, 7.0],
-        "ignition_s": [0.1, np.nan, np.nan],
+        "true_ending": ["burnt out", "landed", "landed"],
+        "true_dwell_s": [0.3, 0.4, 0.5],
+        "true_velocity_m_s": [5.0, 6.0, 7.0],
+        "true_ignition_s": [0.1, np.nan, np.nan],
         "measurable": [True, True, False],
     }
 )
@@ -73,7 +73,9 @@ def test_each_step_takes_away_the_error_of_that_step_alone(monkeypatch):
     monkeypatch.setitem(campaigns.FRAMES, "quick", 40)
     campaign = campaigns.campaigns("quick", LEARNED, scenario="small")[1]
     true = campaigns.true_positions(campaign)
-    true["gray"] = np.where(true["label"] == 2, accuracy.LIT_GRAY, accuracy.UNLIT_GRAY)
+    true["gray"] = np.where(
+        true["label"] == 2, accuracy.FULL_SCALE, accuracy.UNLIT_GRAY
+    )
 
     def starts(tracks):
         fits = accuracy.fit_tracks(campaign.run, tracks)

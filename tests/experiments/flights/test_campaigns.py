@@ -68,15 +68,15 @@ def test_the_busiest_frames_hold_the_most_whole_flights(flown, count):
         begin, end = release * 100, (release + dwell) * 100
         return ((begin >= first) & (end < first + count)).sum()
 
-    frames = campaigns.busiest(release, dwell, 100.0, count, 500)
+    end = 100 * (release + dwell)
+    frames = campaigns.busiest(100 * release, end, count, 500)
     assert len(frames) == count
     assert (frames.start >= 0) & (frames.stop <= 500)
     assert whole(frames.start) == max(whole(first) for first in range(501 - count))
 
 
 def test_of_windows_without_a_whole_flight_the_one_with_most_flying_counts():
-    frames = campaigns.busiest(
-        np.array([1.0, 2.0, 2.1]), np.full(3, 0.9), 100.0, 50, 500
-    )
+    begin = np.array([100.0, 200.0, 210.0])
+    frames = campaigns.busiest(begin, begin + 90.0, 50, 500)
     assert frames == range(210, 260)
-    assert campaigns.busiest(np.empty(0), np.empty(0), 100.0, 900, 500) == range(500)
+    assert campaigns.busiest(np.empty(0), np.empty(0), 900, 500) == range(500)

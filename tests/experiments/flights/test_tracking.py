@@ -238,8 +238,7 @@ def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
 def test_differences_are_paired_means_of_both_sides(cells):
     jpda = scores.Group(list(scores.SINGULARS.values()), ["JPDA"], "with")
     gnn = jpda._replace(trackers=["GNN"])
-    contrast = scores.Contrast(jpda, gnn, ["alpha", "beta"])
-    row = scores.difference(cells, contrast)
+    row = scores.difference(cells, jpda, gnn, ["alpha", "beta"])
     labels = [row[name] for name in (*scores.KEYS, "measure")]
     assert labels == ["mean of fractions", "JPDA - GNN", "with", "alpha, beta"]
     assert row["recomputed"] == pytest.approx(-0.5)
@@ -251,7 +250,7 @@ def test_differences_are_paired_means_of_both_sides(cells):
     assert row["published"] == pytest.approx(mean["JPDA"] - mean["GNN"])
     after = scores.Group(["confetti"], scores.TRACKERS, "with")
     before = after._replace(stage="without")
-    same = scores.difference(cells, scores.Contrast(after, before, ["jsc"]))
+    same = scores.difference(cells, after, before, ["jsc"])
     assert (same["tracker"], same["postprocessing"]) == ("both", "with - without")
     # nothing to mend
     assert (same["recomputed"], same["low"], same["high"]) == (0.0, 0.0, 0.0)

@@ -23,7 +23,8 @@ from kilnflight.belt.camera import (
     calibrate_camera,
     find_corners,
 )
-from kilnflight.belt.models import CV, LateralCV
+from kilnflight.belt.models import CV, LateralCV, Straight
+from kilnflight.belt.online import predict_arrivals
 from kilnflight.belt.phase import PredictionPhase, last_states, summarise_deviations
 from kilnflight.belt.pictures import MeasureSpots, Spots, average
 from kilnflight.belt.tracker import (
@@ -211,10 +212,9 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     squares = (table["x"] - table["x_true"]) ** 2 + (table["y"] - table["y_true"]) ** 2
     by_pair = squares.groupby([table["particle"], table["particle_true"]])
     pairs = by_pair.agg(["size", "mean"]).reset_index()
-    lengths = states.groupby("particle").size()
-    pairs = pairs[pairs["size"] == pairs["particle"].map(lengths)]
-    pairs = pairs.loc[pairs.groupby("particle")["mean"].idxmin()]
-    return pairs.set_index("particle")["particle_true"]
+    whole = pairs["size"] == pairs["particle"].map(states["particle"].value_counts())
+    nearest = pairs[whole].groupby("particle")["mean"].idxmin()
+    return pairs.loc[nearest].set_index("particle")["particle_true"]
 
 
 def deviations(
@@ -243,20 +243,18 @@ def deviations(
         earlier than predicted (Fig. 6). NaN if a particle does not move towards the
         edge.
     """
-    last = BELT_LAST.check(last[last["particle"].isin(arrival["particle"])])
-    truth = BELT_ARRIVAL.check(arrival).set_index("particle").loc[last["particle"]]
-    y = last["y"].to_numpy()
-    time = np.full(len(last), np.nan)
-    if approach != STRAIGHT:
-        moving = (last["velocity_x_mm_s"] > 0).to_numpy()
-        time[moving] = CV()(last[moving], target_mm)
-        y = LateralCV()(last, time - last["time_s"].to_numpy())
+    lateral = Straight() if approach == STRAIGHT else LateralCV()
+    predicted = predict_arrivals(BELT_LAST.check(last), CV(), lateral, target_mm)
+    if approach == STRAIGHT:
+        predicted["time_s"] = np.nan
+    true = BELT_ARRIVAL.check(arrival)
+    table = predicted.merge(true, on="particle", suffixes=("", "_true"))
     return pd.DataFrame(
         {
             "approach": approach,
-            "particle": last["particle"].to_numpy(),
-            "lateral_mm": y - truth["y"].to_numpy(),
-            "temporal_ms": 1000.0 * (time - truth["time_s"].to_numpy()),
+            "particle": table["particle"],
+            "lateral_mm": table["y"] - table["y_true"],
+            "temporal_ms": 1000.0 * (table["time_s"] - table["time_s_true"]),
         }
     )
 
@@ -322,10 +320,9 @@ def _summarise(deviation: Array, seed: int) -> dict[str, float]:
     drawn = np.random.default_rng(seed).integers(0, len(known), size)
     found = summarise_deviations(deviation)
     found["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
-    spreads = _spreads(known)
-    for name, values in _spreads(known[drawn]).items():
-        found[name] = float(spreads[name])
-        found[f"{name}_low"], found[f"{name}_high"] = percentiles(values)
+    for name, values in _spreads(np.vstack([known, known[drawn]])).items():
+        found[name] = float(values[0])
+        found[f"{name}_low"], found[f"{name}_high"] = percentiles(values[1:])
     return found
 
 

@@ -52,8 +52,7 @@ PHASE = PredictionPhase()
 FAST_HZ = 1000.0  # rate of the paper's own tracks (section 5)
 JITTER_MM = 2e-5  # below the digits of the public tracks; choice B3
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
-# First words of columns that are in ms or mm.
-_IN_UNITS = {"median", "q25", "q75", "iqr", "mae", "whisker", "excess"}
+_IN_UNITS = "median|q25|q75|iqr|mae|whisker|excess"  # columns in ms or mm begin so
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
 # Models that should deviate less, and models that should deviate more, by claim.
@@ -146,24 +145,19 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
     table = tracks.sort_values(["particle", "frame"], kind="stable")
     columns = table[["time_s", "x", "y"]].to_numpy(np.float64)
     particles, starts = np.unique(table["particle"].to_numpy(), return_index=True)
-    parts = []
-    for particle, part in zip(particles, np.split(columns, starts[1:]), strict=True):
+    frames = []
+    places = []
+    for part in np.split(columns, starts[1:]):
         time = part[:, 0]
         first = np.ceil(time[0] * rate_hz - 1e-6)
         last = np.floor(time[-1] * rate_hz + 1e-6)
-        frame = np.arange(first, last + 1)
-        places = CubicSpline(time, part[:, 1:])(frame / rate_hz)
-        parts.append(np.column_stack([frame, np.full(len(frame), particle), places]))
-    frame, number, x, y = np.concatenate(parts).T
-    return pd.DataFrame(
-        {
-            "frame": frame.astype(np.int64),
-            "particle": number.astype(np.int64),
-            "time_s": frame / rate_hz,
-            "x": x,
-            "y": y,
-        }
-    )
+        frames.append(np.arange(first, last + 1, dtype=np.int64))
+        places.append(CubicSpline(time, part[:, 1:])(frames[-1] / rate_hz))
+    table = pd.DataFrame({"frame": np.concatenate(frames)})
+    table["particle"] = np.repeat(particles, list(map(len, frames)))
+    table["time_s"] = table["frame"] / rate_hz
+    table[["x", "y"]] = np.concatenate(places)
+    return table
 
 
 def resample_observed(
@@ -284,7 +278,7 @@ def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
 
 def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
     """Return a table with ``unit`` (ms or mm) added to names of deviations."""
-    named = [name for name in table if str(name).partition("_")[0] in _IN_UNITS]
+    named = table.columns[table.columns.str.match(_IN_UNITS)]
     return table.rename(columns={name: f"{name}_{unit}" for name in named})
 
 
@@ -424,12 +418,9 @@ def holds(
         0, else None.
     """
     chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
-    answers = []
-    for _, part in chosen.groupby(["data_set", "lower", "higher"], sort=False):
-        ends = zip(part["excess_low"], part["excess_high"], strict=True)
-        by_measure = {claims.beyond(low, high) for low, high in ends}
-        answers.append(by_measure.pop() if len(by_measure) == 1 else None)
-    return answers
+    orders = chosen.groupby(["data_set", "lower", "higher"], sort=False)
+    ends = orders.agg({"excess_low": "min", "excess_high": "max"})
+    return [claims.beyond(low, high) for low, high in ends.to_numpy()]
 
 
 def draw_deviations(

@@ -1,8 +1,9 @@
 """Find the recordings of a real belt, and join several into one table."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from kilnflight.belt.recordings import list_recordings
@@ -56,16 +57,11 @@ def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:
     InputError
         If there is no recording.
     """
-    parts = []
-    frame = 0
-    track = 0
-    for table in recordings:
-        parts.append(_shifted(table, frame=frame, author_track=track))
-        frame += PAUSE + _greatest(table["frame"], 0)
-        track += 1 + _greatest(table["author_track"], -1)
-    if not parts:
+    tables = list(recordings)
+    if not tables:
         raise InputError("no recording to join; give at least one.")
-    return pd.concat(parts, ignore_index=True)
+    tracks = [1 + max(table["author_track"], default=-1) for table in tables]
+    return _joined(tables, frame=_frames(tables), author_track=tracks)
 
 
 def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
@@ -75,29 +71,30 @@ def join_followed(parts: Iterable[tuple[pd.DataFrame, Followed]]) -> Followed:
     `join_recordings`. Frames and rows refer to its table, so both functions must shift
     frames equally.
     """
-    states = []
-    ends = []
-    frame = 0
-    row = 0
-    track = 0
-    for measured, followed in parts:
-        states.append(_shifted(followed.states, frame=frame, particle=track, row=row))
-        ends.append(_shifted(followed.ends, frame=frame, particle=track))
-        frame += PAUSE + _greatest(measured["frame"], 0)
-        row += len(measured)
-        track += 1 + _greatest(followed.ends["particle"], -1)
+    measured, followed = zip(*parts, strict=True)
+    frames = _frames(measured)
+    rows = list(map(len, measured))
+    states, ends = zip(*followed, strict=True)
+    tracks = [1 + max(table["particle"], default=-1) for table in ends]
     return Followed(
-        states=pd.concat(states, ignore_index=True),
-        ends=pd.concat(ends, ignore_index=True),
+        states=_joined(states, frame=frames, particle=tracks, row=rows),
+        ends=_joined(ends, frame=frames, particle=tracks),
     )
 
 
-def _shifted(table: pd.DataFrame, **offsets: int) -> pd.DataFrame:
-    """Return a table with an offset added to each named column; -1 (none) stays."""
-    for name, offset in offsets.items():
-        table = table.assign(**{name: table[name] + offset * (table[name] >= 0)})
-    return table
+def _frames(tables: Sequence[pd.DataFrame]) -> list[int]:
+    """Return the number of frames of each recording, with the pause after it."""
+    return [PAUSE + max(table["frame"], default=0) for table in tables]
 
 
-def _greatest(numbers: pd.Series, if_none: int) -> int:
-    return int(numbers.max()) if len(numbers) else if_none
+def _joined(tables: Sequence[pd.DataFrame], **counts: list[int]) -> pd.DataFrame:
+    """Join tables whose named columns count from 0 in each; -1 (none) stays.
+
+    ``counts`` holds, by column, how far each table counts.
+    """
+    joined = pd.concat(tables, keys=range(len(tables)))
+    table = joined.index.get_level_values(0)
+    for name, each in counts.items():
+        before = np.cumsum([0, *each])[table]
+        joined[name] += before * (joined[name] >= 0)
+    return joined.reset_index(drop=True)

@@ -5,10 +5,10 @@ one row per frame and method, `sum_counts` their sums and rates.
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,6 @@ from kilnflight.arrays import Array, Index
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
-    DBSCAN,
     Clusterer,
     Detector2D,
     DoG,
@@ -29,6 +28,8 @@ from kilnflight.detection import (
 )
 from kilnflight.detection.combination import (
     LARGEST_PX,
+    PARTICLE_PASS,
+    WALL_PASS,
     Combination,
     View,
     no_larger,
@@ -41,8 +42,9 @@ from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, FrameScore, particle_centroids
 from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.simulated.kiln.feeding import LABELLED
+from kilnflight.simulated.kiln.scene import Twin
 
-COUNTS = ("tp", "fp", "fn")
+COUNTS = ["tp", "fp", "fn"]
 WARM_UP_POINTS = 2000  # points of the untimed first call
 # Labelled frames per subset by scale; ten of all five subsets are the thesis's 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
@@ -53,18 +55,16 @@ SUBSETS: dict[str, tuple[str, ...]] = {
     "full": tuple(scenes.SUBSETS),
 }
 # Window of the temporal median, 150 frames in section 5.1.2; a reduced run renders few.
-WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
-BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
+BACKGROUNDS = {"quick": Median(12), "standard": Median(30), "full": Median()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from a tenth of the
 # thesis's to six times it. The exposure of the thesis is not known.
 THRESHOLDS = tuple(round(50 * 2 ** (k / 2)) for k in range(13))
 # Largest K of QCC on a whole cloud (Table 5.10); smaller ones use a part of its search
 MOST_NEIGHBORS = 35
-Passes = tuple[Clusterer, ...]
 # First and second pass of the combination (section 5.1.3), as printed; for DBSCAN, 15
 # points in 70 mm would be more precise than the printed first pass (Table 5.8).
-PASSES: dict[str, Passes] = {
-    "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
+PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
+    "DBSCAN": (WALL_PASS, PARTICLE_PASS),
     "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
     "QCC": (QuasiClusterCenters(MOST_NEIGHBORS, 0.1), QuasiClusterCenters(20, 0.2)),
 }
@@ -115,6 +115,31 @@ class Subset(NamedTuple):
     background: BackgroundModel
     cache: dict[int, View]
 
+    @classmethod
+    def of(
+        cls, twin: Twin, frames: tuple[int, ...], background: BackgroundModel
+    ) -> Self:
+        """Mark the visible particles in some frames of a simulated recording."""
+        return cls(
+            name=twin.scene.name,
+            recording=twin,
+            frames=frames,
+            particles=truth.marked(twin, frames),
+            instances=partial(truth.instances, twin),
+            background=background,
+            cache={},
+        )
+
+    def with_background(self, background: BackgroundModel) -> Self:
+        """Subtract another background model in the views."""
+        return self._replace(background=background, cache={})
+
+    def views(self) -> list[View]:
+        """Return the views of the labelled frames, which are computed once."""
+        if not self.cache.keys() >= set(self.frames):
+            self.cache.update(chain.views(self.recording, self.frames, self.background))
+        return [self.cache[t] for t in self.frames]
+
 
 def labelled_subsets(
     scale: str, seed: int = 0, frames: int = 0, scenario: str = "base"
@@ -141,40 +166,13 @@ def labelled_subsets(
     subsets = []
     for name in SUBSETS[scale]:
         twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
-        subset = Subset(
-            name=twin.scene.name,
-            recording=twin,
-            frames=labelled,
-            particles=truth.marked(twin, labelled),
-            instances=partial(truth.instances, twin),
-            background=BACKGROUNDS[scale],
-            cache={},
-        )
-        subsets.append(subset)
+        subsets.append(Subset.of(twin, labelled, BACKGROUNDS[scale]))
     return subsets
-
-
-def subset_views(
-    subset: Subset, background: BackgroundModel | None = None
-) -> Iterator[tuple[int, View]]:
-    """Yield number and view of each labelled frame of a subset.
-
-    Views with the subset's own background are cached in it, those with another are not.
-    """
-    if background not in (None, subset.background):
-        yield from chain.views(subset.recording, subset.frames, background)
-        return
-    if not subset.cache.keys() >= set(subset.frames):
-        views = chain.views(subset.recording, subset.frames, subset.background)
-        subset.cache.update(views)
-    for t in subset.frames:
-        yield t, subset.cache[t]
 
 
 def score_methods(
     subsets: Iterable[Subset],
     methods: Mapping[Any, Method],
-    background: BackgroundModel | None = None,
 ) -> pd.DataFrame:
     """Count true, false and missed detections of each method in each labelled frame.
 
@@ -184,8 +182,6 @@ def score_methods(
         Recordings with marked particles.
     methods
         By name; each returns the positions of detections in a view.
-    background
-        Background model of the views; None: that of each subset.
 
     Returns
     -------
@@ -198,45 +194,41 @@ def score_methods(
     """
     rows: list[dict[str, Any]] = []
     for subset in subsets:
-        views = subset_views(subset, background)
-        count = len(subset.frames)
-        for t, view in tqdm(views, subset.name, count, unit="frame", disable=None):
+        for view in tqdm(subset.views(), subset.name, unit="frame", disable=None):
             if not rows:
                 _warm_up(methods, view)
-            rows += _frame_rows(subset, t, view, methods)
+            rows += _frame_rows(subset, view, methods)
     return pd.DataFrame(rows)
 
 
 def _warm_up(methods: Mapping[Any, Method], view: View) -> None:
     """Call each method untimed on few points, so that it is compiled."""
-    pixels = view.pixels[:WARM_UP_POINTS]
-    xyz = view.xyz[:WARM_UP_POINTS]
-    few = view._replace(pixels=pixels, xyz=xyz)  # one view, as methods share steps
+    few = view._replace(  # one view, as methods share steps
+        pixels=view.pixels[:WARM_UP_POINTS], xyz=view.xyz[:WARM_UP_POINTS]
+    )
     for method in methods.values():
         method(few)
 
 
 def _frame_rows(
-    subset: Subset, t: int, view: View, methods: Mapping[Any, Method]
+    subset: Subset, view: View, methods: Mapping[Any, Method]
 ) -> list[dict[str, Any]]:
-    """Return a row of `score_methods` for each method in frame ``t``.
+    """Return a row of `score_methods` for each method in one frame.
 
     Only the method itself is timed.
     """
-    particles = subset.particles[subset.particles["frame"] == t]
+    particles = subset.particles[subset.particles["frame"] == view.number]
     places = particles[["row", "col"]].to_numpy()
-    labels = particles["label"].to_numpy()
-    image = subset.instances(t)
-    shown = np.unique(image[image >= 0])  # most pixels show no particle
-    visible = particles["particle"][particles["particle"].isin(shown)]
-    centroids = particle_centroids(image, visible.to_numpy())
+    image = subset.instances(view.number)
+    # NaN where other particles hide one
+    centroids = particle_centroids(image, particles["particle"].to_numpy()).dropna()
     roi = subset.recording.attributes.roi
     rows = []
     for name, method in methods.items():
         begin = time.perf_counter()
         spots = method(view)[:, :2]
         seconds = time.perf_counter() - begin
-        row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
+        row = {"subset": subset.name, "frame": view.number, "method": name}
         scores = {
             "": score_detections(places, spots, roi=roi),
             "_near": score_detections(places, spots, NEAR_GATE_PX, roi),
@@ -244,18 +236,19 @@ def _frame_rows(
         }
         for suffix, score in scores.items():
             row |= {count + suffix: getattr(score, count) for count in COUNTS}
-        rows.append(row | _class_counts(scores[""], labels))
+        row |= class_counts(scores[""], particles["label"].to_numpy())
+        rows.append(row | {"seconds": seconds})
     return rows
 
 
-def _class_counts(score: FrameScore, labels: npt.NDArray[Any]) -> dict[str, int]:
+def class_counts(score: FrameScore, labels: npt.NDArray[Any]) -> dict[str, Any]:
     """Count found and missed particles of each class; ``labels`` (n,) are of all."""
     found = labels[score.pairs[:, 0]]
     missed = labels[score.missed]
     counts = {}
     for kind in truth.CLASSES:
-        counts[f"tp_{kind}"] = int((found == kind).sum())
-        counts[f"fn_{kind}"] = int((missed == kind).sum())
+        counts[f"tp_{kind}"] = np.count_nonzero(found == kind)
+        counts[f"fn_{kind}"] = np.count_nonzero(missed == kind)
     return counts
 
 
@@ -283,39 +276,7 @@ def from_thresholds(
         particles = graded(view)
         return particles[particles[:, 3] >= threshold, :3]
 
-    return {threshold: partial(above, float(threshold)) for threshold in thresholds}
-
-
-class SharedClusters:
-    """Clusters of the views of one recording, found once for all methods.
-
-    Views are told apart by number and size. ``known`` holds the labels by passes,
-    number and size.
-    """
-
-    def __init__(self) -> None:
-        self.known: dict[tuple[Passes, int, int], Index] = {}
-        self._search = remembered(lambda xyz: nearest_neighbors(xyz, MOST_NEIGHBORS))
-
-    def __call__(self, view: View, *passes: Clusterer) -> Index:
-        """Return the labels (n,) of a view's points after one pass or two."""
-        key = (passes, view.number, len(view.xyz))
-        if key not in self.known:
-            self.known[key] = self._labels(view.xyz, *passes)
-        return self.known[key]
-
-    def _labels(self, xyz: Array, first: Clusterer, *second: Clusterer) -> Index:
-        """Return the labels (n,) of points (n, 3) after one pass or two."""
-        wall = partial(self._first_pass, first)
-        if second:
-            return second_pass(xyz, wall, *second)
-        return wall(xyz)
-
-    def _first_pass(self, clusterer: Clusterer, xyz: Array) -> Index:
-        """Cluster a whole cloud (n, 3); all settings of QCC share one search."""
-        if isinstance(clusterer, QuasiClusterCenters):
-            return clusterer.spread(xyz, self._search(xyz))
-        return clusterer(xyz)
+    return {threshold: partial(above, threshold) for threshold in thresholds}
 
 
 def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -334,6 +295,38 @@ def remembered(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return value
 
 
+search_neighbors = remembered(lambda xyz: nearest_neighbors(xyz, MOST_NEIGHBORS))
+
+
+def cluster_cloud(clusterer: Clusterer, xyz: Array) -> Index:
+    """Cluster a whole cloud (n, 3); all settings of QCC share one search."""
+    if isinstance(clusterer, QuasiClusterCenters):
+        return clusterer.spread(xyz, search_neighbors(xyz))
+    return clusterer(xyz)
+
+
+class SharedClusters:
+    """Clusters of the views of one recording, found once for all methods.
+
+    Views are told apart by number and size. ``known`` holds the labels by passes,
+    number and size.
+    """
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[Any, ...], Index] = {}
+
+    def __call__(self, view: View, first: Clusterer, *second: Clusterer) -> Index:
+        """Return the labels (n,) of a view's points after one pass or two."""
+        key = (first, second, view.number, len(view.xyz))
+        if key not in self.known:
+            wall = partial(cluster_cloud, first)
+            if second:
+                self.known[key] = second_pass(view.xyz, wall, *second)
+            else:
+                self.known[key] = wall(view.xyz)
+        return self.known[key]
+
+
 def timed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
     """Call a function twice; return its result and the seconds of the second call."""
     function(*arguments)
@@ -342,32 +335,31 @@ def timed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
     return result, time.perf_counter() - begin
 
 
-def wall_points(recording: Recording, frame: int) -> Array:
+def wall_points(subset: Subset) -> Array:
     """Return the points (n, 3) on the wall in mm, to fit the cylinder (Table 5.12).
 
-    They are the largest cluster of DBSCAN's first pass in one frame, after depth
-    calibration.
+    They are the largest cluster of DBSCAN's first pass in the first labelled frame,
+    after depth calibration.
     """
-    points = calibrated_cloud(recording, frame)
-    first, _ = PASSES["DBSCAN"]
-    labels = first(points)
+    points = calibrated_cloud(subset.recording, subset.frames[0])
+    labels = WALL_PASS(points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 
 
-def compare_thresholds(
+def score_at_chosen(
     subsets: list[Subset], scale: str, rule: Combination = OURS
 ) -> pd.DataFrame:
-    """Count the detections of DoG by threshold, on two or more subsets.
+    """Count the detections of DoG at the threshold chosen for each subset.
 
-    The thresholds are the `tried_thresholds` of the scale (Tables 5.6 and 5.7).
-    ``rule`` is as in `from_thresholds`, the table that of `mark_chosen`.
+    The `tried_thresholds` of the scale are compared on two or more subsets (Tables 5.6
+    and 5.7). ``rule`` is as in `from_thresholds`, the table that of `at_chosen`.
     """
     methods = from_thresholds(tried_thresholds(scale), rule)
-    return mark_chosen(score_methods(subsets, methods))
+    return at_chosen(score_methods(subsets, methods))
 
 
-def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
-    """Mark the threshold of each subset that is best on the other subsets.
+def at_chosen(table: pd.DataFrame) -> pd.DataFrame:
+    """Take the threshold of each subset that is best on the other subsets.
 
     Parameters
     ----------
@@ -377,10 +369,10 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``threshold`` (grey values) in place of ``method``. ``chosen`` marks the
-        threshold with the best F1 on the *other* subsets (section 5.1.3); ties go to
-        the highest, with the fewest false detections in frames without labels.
-        ``seconds`` are NaN, since one call serves all thresholds.
+        Rows of the threshold with the best F1 on the *other* subsets (section 5.1.3);
+        ties go to the highest, with the fewest false detections in frames without
+        labels. ``threshold`` (grey values) stands in place of ``method``. ``seconds``
+        are NaN, since one call serves all thresholds.
     """
     table = table.rename(columns={"method": "threshold"})
     best = {}
@@ -389,7 +381,7 @@ def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
         f1 = others.set_index("threshold")["f1"]
         best[subset] = f1[::-1].idxmax()
     chosen = table["threshold"] == table["subset"].map(best)
-    return table.assign(seconds=np.nan, chosen=chosen)
+    return table[chosen].assign(seconds=np.nan)
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:
@@ -397,12 +389,6 @@ def tried_thresholds(scale: str) -> tuple[int, ...]:
     if scale == "quick":
         return THRESHOLDS[::4]
     return THRESHOLDS
-
-
-def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
-    """Return the chosen threshold in grey values by subset."""
-    chosen = table[table["chosen"]].drop_duplicates("subset")
-    return chosen.set_index("subset")["threshold"]
 
 
 def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -423,19 +409,17 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         ``f1_in_pixels``, scored within the pixels of a particle.
     """
     groups = table.groupby(by, sort=False)
-    counts = groups[list(COUNTS)].sum().reset_index()
-    pixels = groups[[f"{count}_pixels" for count in COUNTS]].sum()
-    shares = rates(counts["tp"], counts["fp"], counts["fn"]).assign(
+    sums = groups.sum(numeric_only=True)
+    pixels = rates(sums["tp_pixels"], sums["fp_pixels"], sums["fn_pixels"])
+    shares = rates(sums["tp"], sums["fp"], sums["fn"]).assign(
         seconds_per_image=groups["seconds"].median().to_numpy(),
-        f1_in_pixels=rates(*pixels.to_numpy().T)["f1"],
+        f1_in_pixels=pixels["f1"],
     )
-    return pd.concat([counts, shares], axis=1)
+    return pd.concat([sums[COUNTS].reset_index(), shares], axis=1)
 
 
-def positions(
-    subsets: Iterable[Subset], detectors: Mapping[str, Combination], wall: Cylinder
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Place marked particles and detections, with their distance from the axis.
+def place_marked(subsets: Iterable[Subset], wall: Cylinder) -> pd.DataFrame:
+    """Place marked particles, with their distance from the axis of the kiln.
 
     Fig. 3.11 shows these distances. The threshold between air and wall follows from
     them, and Tables 5.13 and 5.14 test it.
@@ -444,45 +428,34 @@ def positions(
     ----------
     subsets
         Recordings with marked particles in their labelled frames.
-    detectors
-        Combined detector by name of the subset.
     wall
         Cylinder that gives the axis.
 
     Returns
     -------
-    marked : DataFrame
+    DataFrame
         A row per marked particle and frame: ``subset``, ``frame``, ``particle``,
         ``row``, ``col``, ``label`` (class of Table 5.1; 4: on the wall); ``x``, ``y``,
         ``z`` in mm, the mean of the points in its pixels; ``distance_mm`` from the
         axis. The last four are NaN without a point ("no 3D", section 5.1.1).
-    detected : DataFrame
-        `kilnflight.tables.DETECTIONS` with ``subset`` and ``distance_mm`` (NaN without
-        depth).
     """
-    marked = []
-    detected = []
-    for subset in subsets:
-        detector = detectors[subset.name]
-        roi = subset.recording.attributes.roi
-        for t, view in subset_views(subset):
-            marked.append(_mean_places(subset, t, view))
-            detected.append(detector(view, roi, t).assign(subset=subset.name))
-    return _with_distance(marked, wall), _with_distance(detected, wall)
+    parts = [_mean_places(each, view) for each in subsets for view in each.views()]
+    return with_distance(pd.concat(parts, ignore_index=True), wall)
 
 
-def _mean_places(subset: Subset, t: int, view: View) -> pd.DataFrame:
-    """Return the marked particles of a frame with the mean of their points in mm."""
+def _mean_places(subset: Subset, view: View) -> pd.DataFrame:
+    """Return the marked particles of a view with the mean of their points in mm."""
     columns = ["frame", "particle", "row", "col", "label"]
-    particles = subset.particles.loc[subset.particles["frame"] == t, columns]
-    shown = subset.instances(t)[view.pixels[:, 0], view.pixels[:, 1]]
+    here = subset.particles["frame"] == view.number
+    row, col = view.pixels.T
+    shown = subset.instances(view.number)[row, col]
     means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
-    return particles.assign(subset=subset.name).join(means, on="particle")
+    particles = subset.particles.loc[here, columns].assign(subset=subset.name)
+    return particles.join(means, on="particle")
 
 
-def _with_distance(parts: Sequence[pd.DataFrame], wall: Cylinder) -> pd.DataFrame:
-    """Join tables and add ``distance_mm`` from the axis, NaN without depth."""
-    table = pd.concat(parts, ignore_index=True)
+def with_distance(table: pd.DataFrame, wall: Cylinder) -> pd.DataFrame:
+    """Add ``distance_mm`` from the axis to places in mm, NaN without depth."""
     known = table.dropna(subset="z")[["x", "y", "z"]]
     distance = pd.Series(distance_to_axis(known, wall), known.index)
     return table.assign(distance_mm=distance)

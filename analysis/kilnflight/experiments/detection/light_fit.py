@@ -10,6 +10,7 @@ unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexpo
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from kilnflight.arrays import Integers, Single
 from kilnflight.detection import Otsu
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.region import inside
+from kilnflight.experiments.detection.labelled import class_counts
 from kilnflight.publication import claims
 from kilnflight.scores import score_detections
 from kilnflight.simulated.kiln import scenes
@@ -72,7 +74,7 @@ def with_light(twin: Twin, optics: Optics) -> Twin:
     return other
 
 
-def _counts(twin: Twin, background: Single, t: int) -> dict[str, float]:
+def _counts(twin: Twin, background: Single, t: int) -> dict[str, Any]:
     """Count detections by Otsu, recalls by class, radii and flames of one frame."""
     view = twin.view(t)
     roi = twin.scene.roi
@@ -80,24 +82,17 @@ def _counts(twin: Twin, background: Single, t: int) -> dict[str, float]:
     places = np.column_stack([view.blobs.row, view.blobs.column])[marked]
     spots = Otsu()(_foreground(twin, background, t, view.picture))
     score = score_detections(places, spots[:, :2], roi=roi)
-    found = np.isin(np.arange(len(places)), score.pairs[:, 0])
     area = np.bincount(view.pixels.blob[view.shown], minlength=len(marked))[marked]
     radius = np.sqrt(area / np.pi)
-    flames, overexposed = _count_flames(view)
-    counts: dict[str, float] = {
+    return {
         "tp": score.tp,
         "fp": score.fp,
         "fn": score.fn,
-        "radius": float(radius.sum()),
-        "large": int((radius > LARGE_PX).sum()),
-        "flames": flames,
-        "overexposed": overexposed,
+        "radius": radius.sum(),
+        "large": np.count_nonzero(radius > LARGE_PX),
+        **_count_flames(view),
+        **class_counts(score, view.kinds[marked]),
     }
-    for kind in (BURNING, UNLIT, ON_WALL):
-        of_kind = view.kinds[marked] == kind
-        counts[f"seen {kind}"] = int(of_kind.sum())
-        counts[f"found {kind}"] = int(found[of_kind].sum())
-    return counts
 
 
 def _foreground(twin: Twin, background: Single, t: int, picture: Single) -> Integers:
@@ -108,12 +103,13 @@ def _foreground(twin: Twin, background: Single, t: int, picture: Single) -> Inte
     return foreground
 
 
-def _count_flames(view: SceneView) -> tuple[int, int]:
-    """Return the number of visible flames, and of those with an overexposed core."""
+def _count_flames(view: SceneView) -> dict[str, Any]:
+    """Count the visible flames, and those with an overexposed core."""
     flames = np.flatnonzero(view.visible & (view.kinds == BURNING))
     full = view.picture.reshape(-1)[view.pixels.place] >= FULL_SCALE
     cores = view.pixels.blob[full & (view.pixels.radius <= CORE)]
-    return len(flames), int(np.isin(flames, cores).sum())
+    overexposed = np.count_nonzero(np.isin(flames, cores))
+    return {"flames": len(flames), "overexposed": overexposed}
 
 
 def count(
@@ -129,20 +125,23 @@ def count(
     return pd.DataFrame(rows)
 
 
-def _rates(sums: pd.DataFrame) -> pd.DataFrame:
-    """Compute the quantities of the fit from sums of counts, row by row."""
+def _rates(sums: Any) -> dict[str, Any]:
+    """Compute the quantities of the fit from sums of counts, one or a row each."""
     marked = sums["tp"] + sums["fn"]
-    columns = {
+    recall = {
+        kind: sums[f"tp_{kind}"] / (sums[f"tp_{kind}"] + sums[f"fn_{kind}"])
+        for kind in (BURNING, UNLIT, ON_WALL)
+    }
+    return {
         "precision": sums["tp"] / (sums["tp"] + sums["fp"]),
         "recall": sums["tp"] / marked,
-        "recall of the unlit": sums[f"found {UNLIT}"] / sums[f"seen {UNLIT}"],
-        "recall in air": sums[f"found {BURNING}"] / sums[f"seen {BURNING}"],
-        "recall on the wall": sums[f"found {ON_WALL}"] / sums[f"seen {ON_WALL}"],
+        "recall of the unlit": recall[UNLIT],
+        "recall in air": recall[BURNING],
+        "recall on the wall": recall[ON_WALL],
         "mean radius (px)": sums["radius"] / marked,
         "share above 15 px": sums["large"] / marked,
         "share of flames overexposed": sums["overexposed"] / sums["flames"],
     }
-    return pd.DataFrame(columns)
 
 
 def compare(counts: pd.DataFrame) -> pd.DataFrame:
@@ -158,28 +157,26 @@ def compare(counts: pd.DataFrame) -> pd.DataFrame:
     printed = claims.published("table_5.5").set_index("subset")
     printed["recall of the unlit"] = pd.Series(UNLIT_RECALL)
     rows: list[tuple[Any, ...]] = []
-    for row in _rates(sums).reset_index().to_dict("records"):
-        subset = row["subset"]
-        for name, sd in BY_SUBSET.items():
-            rows.append((name, subset, printed[name][subset], row[name], sd))
-    total = _rates(sums.sum().to_frame().T).iloc[0]
+    ours = _rates(sums)
+    for subset, (name, sd) in product(sums.index, BY_SUBSET.items()):
+        known = printed[name][subset]
+        rows.append((name, subset, known, ours[name][subset], sd))
+    total = _rates(sums.sum())
     for name, (value, sd) in TOTALS.items():
         rows.append((name, "all", value, total[name], sd))
     return pd.DataFrame(rows, columns=["quantity", "subset", "printed", "ours", "sd"])
 
 
-def misfit(prepared: Prepared, optics: Optics, frames: Iterable[int] = FRAMES) -> float:
+def misfit(prepared: Prepared, optics: Optics) -> float:
     """Return the sum of squared deviations from print, in units of ``sd``."""
     unlit = optics.paper * np.exp(SIXTH * optics.paper_spread)
     if unlit > LARGEST_UNLIT or not 0.1 < optics.flame_softness < 1.0:
         return 1e6
-    table = compare(count(prepared, optics, frames))
+    table = compare(count(prepared, optics))
     return float((((table["ours"] - table["printed"]) / table["sd"]) ** 2).sum())
 
 
-def fit(
-    prepared: Prepared, start: Optics, steps: int, frames: Iterable[int] = FRAMES
-) -> tuple[Optics, float]:
+def fit(prepared: Prepared, start: Optics, steps: int) -> tuple[Optics, float]:
     """Find the light of the least misfit by Nelder and Mead.
 
     Parameters
@@ -190,8 +187,6 @@ def fit(
         Light from which the search starts; what is not in `FITTED` stays.
     steps
         Largest number of evaluations.
-    frames
-        Frames of each scene.
 
     Returns
     -------
@@ -205,16 +200,16 @@ def fit(
         return replace(start, **dict(zip(FITTED, values, strict=True)))
 
     def cost(logarithms: Any) -> float:
-        return misfit(prepared, light(logarithms), frames)
+        return misfit(prepared, light(logarithms))
 
-    count = len(FITTED)
+    simplex = 0.15 * np.eye(len(FITTED) + 1, len(FITTED), -1)  # the start is first
     options: Any = {
         "maxfev": steps,
-        "initial_simplex": np.vstack([np.zeros(count), 0.15 * np.eye(count)]),
+        "initial_simplex": simplex,
         "xatol": 0.01,
         "fatol": 0.5,
     }
-    best = minimize(cost, np.zeros(count), method="Nelder-Mead", options=options)
+    best = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     return light(best.x), float(best.fun)
 
 

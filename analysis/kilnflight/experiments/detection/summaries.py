@@ -50,15 +50,14 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         ``by``, ``label`` (2, 3, 4 of Table 5.1), ``tp``, ``fn``, ``recall`` (NaN
         without particles) and ``kind``, the class in words.
     """
-    groups = table.groupby(by, sort=False)
+    sums = table.groupby(by, sort=False).sum(numeric_only=True)
     parts = []
     for label, kind in truth.CLASSES.items():
-        counts = groups[[f"tp_{label}", f"fn_{label}"]].sum()
-        counts.columns = ["tp", "fn"]
-        counts.insert(0, "label", label)
-        # NaN where none is marked
-        recall = counts["tp"] / (counts["tp"] + counts["fn"])
-        parts.append(counts.assign(recall=recall, kind=kind).reset_index())
+        tp = sums[f"tp_{label}"]
+        fn = sums[f"fn_{label}"]
+        recall = tp / (tp + fn)  # NaN where none is marked
+        columns = {"label": label, "tp": tp, "fn": fn, "recall": recall, "kind": kind}
+        parts.append(pd.DataFrame(columns).reset_index())
     return pd.concat(parts, ignore_index=True)
 
 
@@ -67,9 +66,7 @@ def f1_by_method(table: pd.DataFrame) -> pd.Series:
     return sum_counts(table, ["method"]).set_index("method")["f1"]
 
 
-def resampled_rates(
-    table: pd.DataFrame, seed: int, draws: int = DRAWS
-) -> dict[str, pd.DataFrame]:
+def resampled_rates(table: pd.DataFrame, seed: int) -> dict[str, pd.DataFrame]:
     """Draw frames anew; return precision, recall and F1, (draws, methods) each.
 
     ``table`` is from `labelled.score_methods`. Frames are drawn with replacement within
@@ -78,11 +75,12 @@ def resampled_rates(
     would have no width.
     """
     generator = np.random.default_rng(seed)
+    draws = DRAWS
     if table.groupby("subset")["frame"].nunique().min() < 2:
         draws = 0
     sums = []
     for _, rows in table.groupby("subset", sort=False):
-        wide = rows.pivot(index="frame", columns="method", values=list(COUNTS))
+        wide = rows.pivot(index="frame", columns="method", values=COUNTS)
         picked = generator.integers(len(wide), size=(draws, len(wide)))
         sums.append(wide.to_numpy()[picked].sum(axis=1))
     total = pd.DataFrame(np.sum(sums, axis=0), columns=wide.columns)
@@ -118,5 +116,9 @@ def f1_with_intervals(
     total = sum_counts(table, ["method"]).set_index("method")
     draws = resampled_rates(table, seed)["f1"]
     low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
-    f1 = total[["f1"]].assign(f1_low=low, f1_high=high)
-    return f1.assign(f1_in_pixels=total["f1_in_pixels"], f1_published=published)
+    return total[["f1"]].assign(
+        f1_low=low,
+        f1_high=high,
+        f1_in_pixels=total["f1_in_pixels"],
+        f1_published=published,
+    )

@@ -4,7 +4,6 @@ measured flights, true flights -> `compare` -> `errors`: share detected, bias, s
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +13,7 @@ import pandas as pd
 from kilnflight import chain, regression
 from kilnflight.chain import Chain
 from kilnflight.experiments.flights import campaigns
-from kilnflight.experiments.flights.campaigns import (
-    Campaign,
-    Measurement,
-    counted_flights,
-    stack,
-)
+from kilnflight.experiments.flights.campaigns import Campaign, counted_flights, stack
 from kilnflight.experiments.flights.comparison import median_columns
 from kilnflight.experiments.flights.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
@@ -27,16 +21,13 @@ from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.truth import metre_velocities
-from kilnflight.store import parallel
 from kilnflight.tracking.filter import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
 
 Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
-# Grey values of true positions are below and above that of the wall.
-UNLIT_GRAY = 1000.0
-LIT_GRAY = FULL_SCALE
+UNLIT_GRAY = 1000.0  # darker than the wall; lit particles are lighter than it
 SCATTER_MM = (6.9, 7.0, 156.9)  # RMSE in x, y, z (Table 5.18), medians over fractions
 WHOLE = "whole chain"
 AXES = ["x", "y", "z"]
@@ -56,29 +47,31 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``particle``; ``ending``; ``dwell_s`` (NaN if it neither landed nor burnt out);
-        ``velocity_m_s`` within the first metre; ``ignition_s`` after the release (NaN:
-        never); ``measurable``: visible in the air at five positions or more
-        (`kilnflight.simulated.kiln.truth.true_trajectories`).
+        ``particle``; ``true_ending``; ``true_dwell_s`` (NaN if it neither landed nor
+        burnt out); ``true_velocity_m_s`` within the first metre; ``true_ignition_s``
+        after the release (NaN: never); ``measurable``: visible in the air at five
+        positions or more (`kilnflight.simulated.kiln.truth.true_trajectories`).
     """
     life = campaigns.twin_of(campaign).life
-    names = {"end": "ending", "end_s": "dwell_s"}
-    table = life.table[["particle", *names, "ignition_s"]].rename(columns=names)
-    complete = table["ending"].isin([LANDED, BURNT_OUT])
-    seen = campaigns.true_positions(campaign)["particle"]
-    table = table.assign(
-        dwell_s=table["dwell_s"].where(complete),
-        velocity_m_s=metre_velocities(life.flights)[:, 0],
-        measurable=table["particle"].isin(seen),
+    particle = life.table["particle"]
+    ending = life.table["end"]
+    table = pd.DataFrame(
+        {
+            "particle": particle,
+            "measurable": particle.isin(campaigns.true_positions(campaign)["particle"]),
+            "true_ending": ending,
+            "true_dwell_s": life.table["end_s"].where(ending.isin([LANDED, BURNT_OUT])),
+            "true_velocity_m_s": metre_velocities(life.flights)[:, 0],
+            "true_ignition_s": life.table["ignition_s"],
+        }
     )
-    return table[campaigns.whole_flights(campaign)].reset_index(drop=True)
+    return table[campaigns.whole_flights(campaign)]
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true values, a row per particle and false flight.
 
-    A particle with several tracks is represented by the longest. False flights belong
-    to no particle and come last.
+    False flights belong to no particle and come last.
 
     Parameters
     ----------
@@ -97,37 +90,31 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     first = measured.slices[measured.slices["slice_m"] == 1.0]
     velocity = first.set_index("particle")["velocity_m_s"]
     ours = with_particles(measured)
-    ours["velocity_m_s"] = ours["track"].map(velocity).astype(np.float64)
-    ours = ours.set_index(["track", "particle", "ending", "longest"])[[*QUANTITIES]]
+    ours["velocity_m_s"] = ours["track"].map(velocity)
+    ours = ours.set_index(["track", "particle", "ending"])[[*QUANTITIES]]
     ours = ours.add_prefix("measured_").reset_index()
-    longest = ours.pop("longest")
-    real = true.set_index(["particle", "measurable"])[["ending", *QUANTITIES]]
-    real = real.add_prefix("true_").reset_index()
-    both = real.merge(ours[longest], how="left", on="particle")
     false = ours[ours["particle"] < 0].assign(measurable=False)
-    both = pd.concat([both, false], ignore_index=True)
-    return both.fillna({"track": -1, "ending": "", "true_ending": ""}).astype(
-        {"track": np.int64}
-    )
+    both = pd.concat([true.merge(ours, "left", "particle"), false], ignore_index=True)
+    both = both.fillna({"track": -1, "ending": "", "true_ending": ""})
+    return both.astype({"track": np.int64})
 
 
 def with_particles(measured: FlightTables) -> pd.DataFrame:
-    """Return the accepted flights from the lance with the true particle of each.
+    """Return the longest accepted flight of each true particle, and the false flights.
 
     Returns
     -------
     DataFrame
         `kilnflight.tables.FLIGHTS` with ``track`` in place of ``particle``;
-        ``particle`` is the true one (-1: none). ``longest`` marks the track of longest
-        duration of each particle. ``dwell_s`` is NaN for lost flights.
+        ``particle`` is the true one (-1: none). ``dwell_s`` is NaN for lost flights.
     """
-    flights = counted_flights(measured.flights)
-    flights = flights.assign(dwell_s=flights["dwell_s"].mask(flights["ending"] == LOST))
-    particle = flights["particle"].map(measured.particles).fillna(-1).astype(np.int64)
+    flights = counted_flights(measured.flights).rename(columns={"particle": "track"})
+    particle = flights["track"].map(measured.particles)
+    dwell_s = flights["dwell_s"].mask(flights["ending"] == LOST)
+    flights = flights.assign(particle=particle, dwell_s=dwell_s)
     length = (flights["last_s"] - flights["first_s"]).sort_values(kind="stable")
-    last = ~particle.loc[length.index].duplicated(keep="last")
-    flights = flights.rename(columns={"particle": "track"})
-    return flights.assign(particle=particle, longest=last & (particle >= 0))
+    shorter = particle[length.index].duplicated(keep="last")
+    return flights[~shorter | (particle < 0)]
 
 
 def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables]]:
@@ -135,14 +122,8 @@ def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables
     for campaign in results.campaigns:
         tables = results.tables.of(campaign.key)
         true = campaigns.true_positions(campaign)
-        yield (
-            campaign,
-            FlightTables(
-                flights=tables.flights,
-                slices=tables.slices,
-                particles=particle_of_track(tables.tracks, true),
-            ),
-        )
+        particles = particle_of_track(tables.tracks, true)
+        yield campaign, FlightTables(tables.flights, tables.slices, particles)
 
 
 def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
@@ -178,7 +159,7 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     real = both[(both["particle"] >= 0) & both["measurable"]]
     measured = real["track"] >= 0
     share = intervals.share(int(measured.sum()), len(real))
-    row = {
+    row: dict[str, float] = {
         "measurable_particles": len(real),
         "detected_particles": measured.sum(),
         "false_flights": (both["particle"] < 0).sum(),
@@ -187,56 +168,18 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     }
     for name in QUANTITIES:
         off = real[f"measured_{name}"] - real[f"true_{name}"]
-        found = _bias(off.dropna(), generator)
-        row |= {f"{name}_{kind}": value for kind, value in found.items()}
+        low, high = off.quantile([0.16, 0.84])
+        median = median_columns(off, generator)
+        row[f"{name}_n"] = median["number"]
+        row[f"{name}_bias"] = median["estimate"]
+        row[f"{name}_spread"] = (high - low) / 2
+        row[f"{name}_low"] = median["low"]
+        row[f"{name}_high"] = median["high"]
     lit = real["true_ignition_s"].notna()
     seen = real["measured_ignition_s"].notna()
     for name, kind in (("lit", measured & lit), ("unlit", measured & ~lit)):
         row |= {name: kind.sum(), f"{name}_detected": (kind & seen).sum()}
-    return {name: float(value) for name, value in row.items()}
-
-
-def _bias(off: pd.Series, generator: np.random.Generator) -> dict[str, float]:
-    """Return number, bias, spread, and the interval of the bias of measured - true."""
-    low, bias, high = off.quantile([0.16, 0.5, 0.84])
-    ends = median_columns(off, generator)
-    return {
-        "n": len(off),
-        "bias": bias,
-        "spread": (high - low) / 2,
-        "low": ends["low"],
-        "high": ends["high"],
-    }
-
-
-def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
-    """Return `errors` of each campaign and replaced step, in ``jobs`` processes.
-
-    It shows which step of the chain causes the errors (notebook 56).
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``replaced_step`` (see `replace_steps`), the
-        entries of `errors`; ``flights`` that count.
-    """
-    pieces = [(each, results.tables.of(each.key)) for each in results.campaigns]
-    parts = parallel.run_all(_budget, pieces, jobs)
-    keys = [each.key for each in results.campaigns]
-    return stack(dict(zip(keys, parts, strict=True)))
-
-
-def _budget(campaign: Campaign, measured: Measurement) -> pd.DataFrame:
-    """Return the rows of `error_budget` for one campaign, without its key."""
-    true = true_flights(campaign)
-    rows = []
-    for step, tables in replace_steps(
-        campaign, measured.tracks, regression.fits(measured.trajectories)
-    ):
-        found = errors(compare(tables, true))
-        flights = len(counted_flights(tables.flights))
-        rows.append({"replaced_step": step, **found, "flights": flights})
-    return pd.DataFrame(rows)
+    return row
 
 
 def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
@@ -246,13 +189,11 @@ def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
     them. ``tracks`` has ``frame``, ``particle`` (the track), ``row`` and ``col`` (px);
     ``true`` has the same columns of true particles.
     """
-    owner = true_particles(tracks, true)
-    table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
-    pairs = table[table["particle"] >= 0].value_counts(["particle", "owner"])
-    count = pairs.reset_index().sort_values(["particle", "count", "owner"])
-    by_track = count.groupby("particle")
-    best = by_track.last()
-    return best["owner"].where(2 * best["count"] >= by_track["count"].sum(), -1)
+    owned = tracked(tracks.assign(owner=true_particles(tracks, true)))
+    shares = owned.groupby("particle")["owner"].value_counts(normalize=True)
+    table = shares.reset_index("owner")
+    owner = table["owner"].where(table["proportion"] >= 0.5, -1)
+    return owner.groupby("particle").max()
 
 
 def replace_steps(
@@ -282,7 +223,7 @@ def replace_steps(
     """
     true = campaigns.true_positions(campaign)
     run = campaign.run
-    positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
+    positions = true.assign(gray=np.where(true["label"] == 2, FULL_SCALE, UNLIT_GRAY))
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
     linked, deep = with_truth(tracks, true_particles(tracks, true), true)
     exact = fit_tracks(run, positions)
@@ -299,14 +240,8 @@ def replace_steps(
     )
     for step, table, fits in cases:
         flights = chain.flights_from(run, table, fits)
-        yield (
-            step,
-            FlightTables(
-                flights=flights,
-                slices=chain.slices_from(flights, fits),
-                particles=particle_of_track(table, true),
-            ),
-        )
+        slices = chain.slices_from(flights, fits)
+        yield step, FlightTables(flights, slices, particle_of_track(table, true))
 
 
 def with_truth(
@@ -318,10 +253,9 @@ def with_truth(
     z stay as measured. In the first table x, y, z (mm) become NaN if the depth is off
     by at least the tracker's gate: such points belong to the background.
     """
-    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
-    places = true.set_index(["frame", "particle"])[AXES].reindex(index)
-    places.index = tracks.index
     linked = tracks.assign(particle=owner)
+    places = linked[["frame", "particle"]].merge(true, "left")[AXES]
+    places.index = tracks.index
     linked.loc[(tracks["z"] - places["z"]).abs() >= Gate().depth_mm, AXES] = np.nan
     return linked, tracks.assign(**places.fillna(tracks[AXES]))
 
@@ -336,17 +270,9 @@ def fit_tracks(
     mm/s^k.
     """
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
-    rows = tracked(table)
-    scaled = rows.assign(**(rows[AXES] / list(scale_mm)))
+    scaled = table.assign(**(table[AXES] / list(scale_mm)))
     exit_point = np.divide(run.exit_point_mm, scale_mm)
-    fits = regression.fits(
-        regression.regress_all(scaled, exit_point, run.frame_rate_hz)
-    )
-    for name, fit in fits.items():
-        axes = zip(fit.coefficients, scale_mm, strict=True)
-        fits[name] = replace(
-            fit,
-            exit_point_mm=run.exit_point_mm,
-            coefficients=tuple(tuple(c * scale for c in axis) for axis, scale in axes),
-        )
-    return fits
+    fitted = regression.regress_all(scaled, exit_point, run.frame_rate_hz)
+    for axis, scale in zip(AXES, scale_mm, strict=True):
+        fitted[fitted.filter(regex=f"^(exit|coefficient)_{axis}").columns] *= scale
+    return regression.fits(fitted)

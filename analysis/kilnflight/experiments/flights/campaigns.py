@@ -108,46 +108,43 @@ def settings_from_labels(
     """Return threshold, wall and limit found on labelled frames of a scale, cached."""
     make = partial(_settings, scale, seed, scenario)
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
-    row = CachedTable("settings", make, depends_on)().iloc[0]
+    row = CachedTable("settings", make, depends_on)().to_dict("records")[0]
     wall = Cylinder(
         centre_mm=tuple(row["centre_mm"].tolist()),
         direction=tuple(row["direction"].tolist()),
-        radius_mm=float(row["radius_mm"]),
+        radius_mm=row["radius_mm"],
     )
-    return LearnedSettings(float(row["threshold"]), wall, float(row["in_air_mm"]))
+    return LearnedSettings(row["threshold"], wall, row["in_air_mm"])
 
 
 def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """Return `settings_from_labels` as one row, lengths in mm."""
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
     threshold = _best_threshold(subsets, scale)
-    points = labelled.wall_points(subsets[0].recording, subsets[0].frames[0])
+    points = labelled.wall_points(subsets[0])
     wall = fit_cylinder(points, seed)
     row = {
         "threshold": threshold,
         "centre_mm": wall.centre_mm,
         "direction": wall.direction,
         "radius_mm": wall.radius_mm,
-        "in_air_mm": _air_limit(subsets, threshold, wall),
+        "in_air_mm": _air_limit(subsets, wall),
     }
     return pd.DataFrame([row])
 
 
 def _best_threshold(subsets: list[labelled.Subset], scale: str) -> float:
     """Return the threshold of the best F1 on all frames, of equal ones the highest."""
-    table = labelled.compare_thresholds(subsets, scale)
-    counts = labelled.sum_counts(table, ["threshold"])
-    best = counts.loc[counts["f1"] == counts["f1"].max(), "threshold"]
+    methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
+    table = labelled.score_methods(subsets, methods)
+    counts = labelled.sum_counts(table, ["method"])
+    best = counts.loc[counts["f1"] == counts["f1"].max(), "method"]
     return float(best.max())
 
 
-def _air_limit(
-    subsets: list[labelled.Subset], threshold: float, wall: Cylinder
-) -> float:
+def _air_limit(subsets: list[labelled.Subset], wall: Cylinder) -> float:
     """Return the largest distance from the wall's axis in the air, in mm (5.1.4)."""
-    detectors = {subset.name: Combination(sift(threshold)) for subset in subsets}
-    marked, _ = labelled.positions(subsets, detectors, wall)
-    known = marked.dropna(subset="z")
+    known = labelled.place_marked(subsets, wall).dropna(subset="z")
     distance = known["distance_mm"].to_numpy()
     flying = (known["label"] != 4).to_numpy()
     return crossing(distance[flying], distance[~flying]) + BEYOND_CROSSING_MM
@@ -196,36 +193,23 @@ def campaigns(
     """
     recorded = []
     for fraction, bar in keys or CAMPAIGNS[scale]:
-        run = _run(campaign_name(fraction, bar), scale, settings, seed, scenario)
-        recorded.append(Campaign(fraction, bar, run))
+        source = TwinSource(scene_name(campaign_name(fraction, bar), scenario), seed)
+        recorded.append(Campaign(fraction, bar, _run(source, scale, settings)))
     return recorded
 
 
-def _run(
-    name: str, scale: str, settings: LearnedSettings, seed: int, scenario: str
-) -> Chain:
+def _run(source: TwinSource, scale: str, settings: LearnedSettings) -> Chain:
     """Return the run of a campaign: frames of the scale, detector, wall, lance."""
-    source = TwinSource(scene_name(name, scenario), seed)
     twin = source.recording()
     count = FRAMES[scale] or len(twin)
-    frames = busiest(
-        twin.life.release_s,
-        twin.life.flights.end_s,
-        twin.scene.frame_rate_hz,
-        count,
-        len(twin),
-    )
-    chunk = frames.stop
-    if count == len(twin):
-        # Thirds need fewer windows of the median than chunks of the usual size.
-        chunk = max(chain.CHUNK_FRAMES, -(-count // 3))
+    frames = busiest(*flight_frames(twin), count, len(twin))
     detection = DetectionRun(
         source,
         frames.start,
         frames.stop,
         detector=Combination(sift(settings.threshold)),
         background=BACKGROUNDS[scale],
-        chunk=chunk,
+        chunk=-(-len(twin) // 3),  # each chunk reads a window of the median again
     )
     ignition = None
     if FRACTIONS[twin.scene.fraction].sheet:  # papers alone are tested (5.3.2)
@@ -239,9 +223,14 @@ def _run(
     )
 
 
-def busiest(
-    release_s: Array, dwell_s: Array, frame_rate_hz: float, count: int, total: int
-) -> range:
+def flight_frames(twin: Twin) -> tuple[Array, Array]:
+    """Return when the true flights (n,) begin and end, in frames."""
+    rate = twin.scene.frame_rate_hz
+    begin = twin.life.release_s * rate
+    return begin, begin + twin.life.flights.end_s * rate
+
+
+def busiest(begin: Array, end: Array, count: int, total: int) -> range:
     """Return the frames of a recording in which most flights begin and end.
 
     Of equal windows the one with the longest time in flight is taken, then the first.
@@ -249,23 +238,18 @@ def busiest(
 
     Parameters
     ----------
-    release_s, dwell_s
-        (n,) in s: when each particle leaves the lance, and for how long it flies.
-    frame_rate_hz
-        Of the recording.
+    begin, end
+        Of `flight_frames`.
     count, total
         Number of frames wanted, and of those that the recording has.
     """
     count = min(count, total)
-    begin = release_s * frame_rate_hz
-    end = begin + dwell_s * frame_rate_hz
     starts = np.clip(np.append(np.floor(begin), 0.0), 0, total - count)
     first = np.unique(starts)[:, None]
     last = first + count
     whole = ((begin >= first) & (end < last)).sum(axis=1)
     flown = np.clip(np.minimum(end, last) - np.maximum(begin, first), 0.0, None)
-    order = np.lexsort((-flown.sum(axis=1), -whole))
-    best = int(first[order[0], 0])
+    best = int(first[np.lexsort((-flown.sum(axis=1), -whole))[0], 0])
     return range(best, best + count)
 
 
@@ -333,8 +317,7 @@ def of_counted(table: pd.DataFrame, flights: pd.DataFrame) -> pd.DataFrame:
     ``table`` and ``flights`` are fields of one `Measurement`; ``table`` has the column
     ``particle``.
     """
-    counted = counted_flights(flights)[[*KEYS, "particle"]]
-    return table.merge(counted, on=[*KEYS, "particle"])
+    return table.merge(counted_flights(flights)[[*KEYS, "particle"]])
 
 
 class Results(NamedTuple):
@@ -363,22 +346,18 @@ def results(
     recorded = campaigns(scale, settings, seed, scenario, keys)
     workers = Workers(jobs)
     tables = measure_campaigns(recorded, workers)
-    _make_true_positions(recorded, workers)
-    true = {}
-    for each in recorded:
-        flights = twin_of(each).life.flights.take(whole_flights(each))
-        true[each.key] = truth.true_flight_values(flights)
-    measured = values_by_campaign(tables, true)
-    return Results(campaigns=recorded, tables=tables, measured=measured, true=true)
-
-
-def _make_true_positions(recorded: Iterable[Campaign], workers: Workers) -> None:
     missing = [
         each
         for each in recorded
         if not truth.kept_marks(twin_of(each), each.frames).path.is_file()
     ]
     workers(true_positions, missing, [len(each.frames) for each in missing], "truth")
+    true = {}
+    for each in recorded:
+        flights = twin_of(each).life.flights.take(whole_flights(each))
+        true[each.key] = truth.true_flight_values(flights)
+    measured = values_by_campaign(tables, true)
+    return Results(campaigns=recorded, tables=tables, measured=measured, true=true)
 
 
 def twin_of(campaign: Campaign) -> Twin:
@@ -402,10 +381,7 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
 
     The mask (n,) has the order of ``twin_of(campaign).life.flights``.
     """
-    twin = twin_of(campaign)
-    rate = twin.scene.frame_rate_hz
-    begin = twin.life.release_s * rate
-    end = begin + twin.life.flights.end_s * rate
+    begin, end = flight_frames(twin_of(campaign))
     frames = campaign.frames
     return np.asarray((begin >= frames.start) & (end < frames.stop))
 
@@ -442,22 +418,17 @@ def flight_values(
     wide = tables.slices.pivot(
         index="particle", columns="slice_m", values="velocity_m_s"
     )
-    wide = wide.reindex(index=counted["particle"], columns=np.array(MARKS_M, float))
+    wide = wide.reindex(index=counted["particle"], columns=list(MARKS_M))
     lost = ~counted["ending"].isin(complete).to_numpy()
+    fits = regression.fits(tables.trajectories)
+    reached_mm = [
+        fits[name].exit_point_mm[2] - straight_on(fits[name], end_s)[0, 2]
+        for name, end_s in zip(counted["particle"], counted["end_s"], strict=True)
+    ]
     return FlightValues(
         dwell_s=counted.loc[~lost, "dwell_s"].to_numpy(np.float64),
         velocity_m_s=wide.to_numpy(np.float64),
         ignition_s=counted["ignition_s"].to_numpy(np.float64),
-        reached_m=_reached_m(counted, tables.trajectories),
+        reached_m=np.array(reached_mm, np.float64) / 1000.0,
         lost=lost,
     )
-
-
-def _reached_m(flights: pd.DataFrame, trajectories: pd.DataFrame) -> Array:
-    """Return depths (n,) from the lance in m at the end of each flight."""
-    fits = regression.fits(trajectories)
-    reached = []
-    for particle, end_s in zip(flights["particle"], flights["end_s"], strict=True):
-        fit = fits[particle]
-        reached.append(fit.exit_point_mm[2] - straight_on(fit, end_s)[0, 2])
-    return np.array(reached, np.float64) / 1000.0

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.experiments.flights.campaigns import KEYS, CampaignKey
+from kilnflight.experiments.flights.campaigns import CAMPAIGNS, KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import (
@@ -21,14 +21,12 @@ from kilnflight.scores.flights import (
     NUMBER,
     FlightValues,
     Outcome,
-    Share,
     outcomes,
 )
 from kilnflight.scores.intervals import Interval
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import released
-from kilnflight.simulated.kiln.scenes import PRESSURES_BAR
 from kilnflight.simulated.kiln.truth import true_flight_values
 
 Values = Mapping[CampaignKey, FlightValues]
@@ -44,43 +42,25 @@ VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "o
 
 def interval_columns(interval: Interval) -> dict[str, float]:
     """Return number, estimate, low, high as table cells; NaN for infinite ends."""
-    row = {"number": sum(interval.numbers), "estimate": interval.estimate}
-    if row["number"] == 0 or not np.isfinite(interval.high):
-        return row | {"low": np.nan, "high": np.nan}
-    return row | {"low": interval.low, "high": interval.high}
-
-
-def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
-    """Return the median of the finite values with its 95 % bootstrap interval."""
-    array = np.asarray(values, dtype=np.float64)
-    return intervals.median_interval(array[np.isfinite(array)], generator)
+    row = {"number": interval.number, **interval._asdict()}
+    if not np.isfinite(interval.estimate + interval.high):
+        row |= {"low": np.nan, "high": np.nan}
+    return row
 
 
 def median_columns(
     values: npt.ArrayLike, generator: np.random.Generator
 ) -> dict[str, float]:
     """Return the `interval_columns` of the median of the finite values."""
-    return interval_columns(median_of(values, generator))
-
-
-def share_of(share: Share) -> Interval:
-    """Return a share in per cent with its 95 % interval (Wilson).
-
-    The interval of an unknown share is infinite.
-    """
-    percent, counted = share
-    if np.isnan(percent):
-        return Interval(percent, low=-np.inf, high=np.inf, numbers=(counted,))
-    found = intervals.share(round(percent / 100 * counted), counted)
-    low = min(100 * found.low, percent)
-    high = max(100 * found.high, percent)
-    return Interval(percent, low, high, found.numbers)
+    return interval_columns(intervals.median_interval(values, generator))
 
 
 def interval_of(
     values: FlightValues, outcome: Outcome, generator: np.random.Generator
 ) -> Interval:
     """Return one outcome of a campaign, a median or a share, with its 95 % interval.
+
+    The interval of an unknown share is infinite.
 
     Parameters
     ----------
@@ -93,8 +73,14 @@ def interval_of(
     """
     taken = outcome.take(values)
     if outcome.kind == MEDIAN:
-        return median_of(taken, generator)
-    return share_of(taken)
+        return intervals.median_interval(taken, generator)
+    percent, counted = taken
+    if np.isnan(percent):
+        return Interval(percent, low=-np.inf, high=np.inf, number=counted)
+    found = intervals.share(round(percent / 100 * counted), counted)
+    low = min(100 * found.low, percent)
+    high = max(100 * found.high, percent)
+    return Interval(percent, low, high, counted)
 
 
 def printed_numbers() -> pd.DataFrame:
@@ -113,8 +99,8 @@ def printed_numbers() -> pd.DataFrame:
     table = table.dropna(subset="outcome").dropna(subset=["low", "high"], how="all")
     most = table["statistic"] == "majority range"
     table.loc[most, ["low", "high"]] = [50.0, 100.0]
-    fractions = table["fraction"].replace("all", "+".join(FRACTIONS))
-    table["fraction"] = fractions.str.split("+")
+    every = "+".join(FRACTIONS)
+    table["fraction"] = table["fraction"].replace("all", every).str.split("+")
     table = table.explode("fraction", ignore_index=True)
     return table[[*KEYS, "outcome", "printed", "low", "high"]]
 
@@ -131,7 +117,7 @@ def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame
         for key in runs
     }
     known = pd.concat(values, names=[*KEYS, "outcome"]).rename("put_in").reset_index()
-    return known.merge(printed_numbers(), "left", [*KEYS, "outcome"])
+    return known.merge(printed_numbers(), "left")
 
 
 def recovery(
@@ -160,37 +146,33 @@ def recovery(
         interval ``low`` and ``high``; ``verdict``: "recovered" if the interval lies
         within `TOLERANCE`, "biased" if it lies outside, else "open".
     """
-    compared = [outcome for outcome in wanted if outcome.kind != NUMBER]
-    rows = [
-        {"fraction": key[0], "pressure_bar": key[1], "outcome": outcome.label}
-        | _error(interval_of(values, outcome, generator), true[key], outcome)
-        for (key, values), outcome in product(measured.items(), compared)
-    ]
+    rows = []
+    for (key, values), outcome in product(measured.items(), wanted):
+        if outcome.kind == NUMBER:
+            continue
+        ours = interval_columns(interval_of(values, outcome, generator))
+        real = outcome.estimate(true[key])
+        most = SHARE_POINTS
+        if outcome.kind == MEDIAN:
+            most = TOLERANCE * abs(real)
+        low = ours["low"] - real
+        high = ours["high"] - real
+        row = {
+            "fraction": key[0],
+            "pressure_bar": key[1],
+            "outcome": outcome.label,
+            "true": real,
+            "number": ours["number"],
+            "measured": ours["estimate"],
+            "error": ours["estimate"] - real,
+            "low": low,
+            "high": high,
+            "verdict": VERDICTS[claims.within(low, high, -most, most)],
+        }
+        rows.append(row)
     known = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
     known = known.drop(columns=["low", "high"]).fillna({"printed": ""})
-    table = pd.DataFrame(rows).replace([np.inf, -np.inf], np.nan)
-    return known.merge(table, "right", [*KEYS, "outcome"])
-
-
-def _error(
-    ours: Interval, true: FlightValues, outcome: Outcome
-) -> dict[str, float | str]:
-    """Return the columns of `recovery` from ``true`` on for one outcome."""
-    real = outcome.estimate(true)
-    most = SHARE_POINTS
-    if outcome.kind == MEDIAN:
-        most = TOLERANCE * abs(real)
-    low = ours.low - real
-    high = ours.high - real
-    return {
-        "true": real,
-        "number": sum(ours.numbers),
-        "measured": ours.estimate,
-        "error": ours.estimate - real,
-        "low": low,
-        "high": high,
-        "verdict": VERDICTS[claims.within(low, high, -most, most)],
-    }
+    return known.merge(pd.DataFrame(rows), "right")
 
 
 def differences(
@@ -213,14 +195,15 @@ def differences(
         ``high`` (Newcombe), and ``true``.
     """
     rows = []
-    for pair in pairs:
-        if not measured.keys() >= set(pair):
+    for first, second in pairs:
+        if first not in measured or second not in measured:
             continue
-        found = [interval_of(measured[key], outcome, generator) for key in pair]
-        ours = interval_columns(intervals.difference_interval(*found))
-        first, second = (outcome.estimate(true[key]) for key in pair)
-        ends = [ours[name] for name in ("estimate", "low", "high")]
-        rows.append((*pair[0], *pair[1], outcome.label, *ends, first - second))
+        one = interval_of(measured[first], outcome, generator)
+        other = interval_of(measured[second], outcome, generator)
+        ours = interval_columns(intervals.difference_interval(one, other))
+        ends = (ours["estimate"], ours["low"], ours["high"])
+        real = outcome.estimate(true[first]) - outcome.estimate(true[second])
+        rows.append((*first, *second, outcome.label, *ends, real))
     names = [*KEYS, "other", "other_bar", "outcome", "measured", "low", "high", "true"]
     return pd.DataFrame(rows, columns=names)
 
@@ -242,10 +225,10 @@ def all_above(table: pd.DataFrame) -> bool | None:
 
 def recovered(table: pd.DataFrame) -> bool | None:
     """Return whether all rows of `recovery` are recovered; None if open or no row."""
-    if table.empty:
-        return None
-    answers = {verdict: answer for answer, verdict in VERDICTS.items()}
-    return claims.all_of(*(answers[verdict] for verdict in table["verdict"]))
+    verdicts = set(table["verdict"])
+    if "biased" in verdicts:
+        return False
+    return True if verdicts == {"recovered"} else None
 
 
 def if_complete(
@@ -256,7 +239,6 @@ def if_complete(
     ``numbers`` are the flights of each campaign. All eight campaigns need
     `LEAST_FLIGHTS`.
     """
-    whole = len(numbers) == len(FRACTIONS) * len(PRESSURES_BAR)
-    if whole and min(numbers) >= LEAST_FLIGHTS:
+    if len(numbers) == len(CAMPAIGNS["full"]) and min(numbers) >= LEAST_FLIGHTS:
         return dict(answers)
     return dict.fromkeys(answers)

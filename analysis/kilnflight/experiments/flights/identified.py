@@ -6,6 +6,7 @@ detector and tracker.
 
 from collections.abc import Iterable
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -54,10 +55,18 @@ def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.Da
     frames = np.arange(WINDOW + round(LONGEST_S * scene.frame_rate_hz))
     age = (frames - released[:, None]) / scene.frame_rate_hz
     particle, frame = np.nonzero((age >= 0) & (age < flights.end_s[:, None]))
-    position = flights.take(particle).position(age[particle, frame])
-    xyz = place.to_camera(position)
-    row, col = place.project(xyz)
-    table = pd.DataFrame({"particle": particle, "frame": frame, "row": row, "col": col})
+    position_m = flights.take(particle).position(age[particle, frame])
+    return _in_view(scene, position_m, particle=particle, frame=frame)
+
+
+def _in_view(scene: Scene, position_m: Array, **columns: Any) -> pd.DataFrame:
+    """Return the places (n, 3) inside the region of interest, with other columns (n,).
+
+    ``position_m`` is in the kiln; ``row``, ``col`` are px, and ``x``, ``y``, ``z`` mm.
+    """
+    xyz = scene.geometry.to_camera(position_m)
+    row, col = scene.geometry.project(xyz)
+    table = pd.DataFrame({**columns, "row": row, "col": col})
     table[["x", "y", "z"]] = xyz
     return table[inside(scene.roi, row, col)].reset_index(drop=True)
 
@@ -126,7 +135,7 @@ def fit_medians(
 
 def wall_distances(
     twins: Iterable[Twin], wall_particle_mm: float, seed: int = 0
-) -> tuple[Array, Array]:
+) -> tuple[pd.Series, pd.Series]:
     """Return the distances from the axis in mm of particles in the air and on the wall.
 
     They are all within the region of interest of labelled frames, as the depth camera
@@ -136,9 +145,8 @@ def wall_distances(
         _seen_distances(twin, t, wall_particle_mm, seed + t)
         for twin, t in product(twins, LABELLED)
     )
-    distance = every["distance"].to_numpy()
-    wall = every["wall"].to_numpy()
-    return distance[~wall], distance[wall]
+    distance = every["distance"]
+    return distance[~every["wall"]], distance[every["wall"]]
 
 
 def _seen_distances(
@@ -146,25 +154,14 @@ def _seen_distances(
 ) -> pd.DataFrame:
     """Return ``wall`` and ``distance`` (mm) of the particles in one frame."""
     scene = twin.scene
-    place = scene.geometry
     moment = twin.life.at(twin.time_s(t))
     moment = moment.take(~moment.landed | moment.burning)
-    own_mm = twin.life.table["fraction"].map(dict(scene.depth.particle_error_mm))
-    xyz = place.to_camera(moment.position_m)
-    row, col = place.project(xyz)
-    table = pd.DataFrame(
-        {
-            "row": row,
-            "col": col,
-            "z": xyz[:, 2],
-            "wall": moment.landed,
-            "own_mm": own_mm.to_numpy()[moment.particle],
-        }
-    )
-    table.loc[table["wall"], "own_mm"] = wall_particle_mm
-    table = table[inside(scene.roi, row, col)]
+    errors_mm = twin.life.table["fraction"].map(dict(scene.depth.particle_error_mm))
+    flying_mm = errors_mm.to_numpy()[moment.particle]
+    own_mm = np.where(moment.landed, wall_particle_mm, flying_mm)
+    table = _in_view(scene, moment.position_m, wall=moment.landed, own_mm=own_mm)
     seen = seen_by_camera(table, scene, table["own_mm"], seed)
-    kiln = place.to_kiln(seen[["x", "y", "z"]].to_numpy())
+    kiln = scene.geometry.to_kiln(seen[["x", "y", "z"]].to_numpy())
     return seen.assign(distance=1000 * np.hypot(kiln[:, 1], kiln[:, 2]))
 
 

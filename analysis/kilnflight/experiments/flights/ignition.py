@@ -5,72 +5,24 @@ import pandas as pd
 
 from kilnflight.arrays import Array
 from kilnflight.background.sliding_median import stack_median
-from kilnflight.experiments.flights.campaigns import (
-    CampaignKey,
-    Results,
-    counted_flights,
-    of_campaign,
-    rows_by_campaign,
-)
 from kilnflight.experiments.flights.comparison import interval_columns
-from kilnflight.flight.empty import EMPTY_FRAMES, background_gray
-from kilnflight.ignition import LEAST_POINTS, SEEN, SHARE, TOO_FEW, Ignition
+from kilnflight.flight.empty import EMPTY_FRAMES
+from kilnflight.ignition import LEAST_POINTS, NONE, SEEN, SHARE, Ignition
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
 
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
 
 
-def trace_shares(results: Results, both: pd.DataFrame, test: Ignition) -> pd.DataFrame:
-    """Return how many flights light up, one row per campaign.
+def count_lit(
+    flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series, test: Ignition
+) -> dict[str, float]:
+    """Return how many flights of a campaign light up.
 
     "If the gray value increases abruptly, the particles can be assumed ignited"
     (section 5.3.2): a particle that is light at first sight is not. The test is the
     same for all fractions. Only detections before the end of a flight count: the wall
     ignites all that land (5.1.1).
-
-    Parameters
-    ----------
-    results
-        The campaigns and their tables.
-    both
-        Measured beside true, from
-        `kilnflight.experiments.flights.accuracy.compare_campaigns`.
-    test
-        Of a rise of the grey values.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``; numbers of flights: ``light_up`` (by ``test``),
-        ``light_at_first`` (its first `LEAST_POINTS` detections are lighter than the
-        kiln behind by `SHARE`), ``too_few`` (points to judge); ``number``,
-        ``estimate``, ``low``, ``high`` of the share that lights up (Wilson). For
-        ``unlit`` and ``lit``, judged flights whose particle truly stays unlit or
-        ignites: their number; ``_up`` that light up; ``_light`` that light up or are
-        light at first; ``_gray``, median grey value along their flights.
-    """
-    rows: dict[CampaignKey, dict[str, float]] = {}
-    for campaign in results.campaigns:
-        tables = results.tables.of(campaign.key)
-        flights = counted_flights(tables.flights)
-        tracks = tables.tracks
-        tracks = tracks[tracks["particle"].isin(flights["particle"])]
-        source = campaign.run.detection.source
-        tracks = tracks.assign(
-            background=background_gray(tracks, source, campaign.frames),
-            time_s=tracks["frame"] / campaign.run.frame_rate_hz,
-        )
-        known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
-        ignites = known.set_index("track")["true_ignition_s"].notna()
-        rows[campaign.key] = count_lit(flights, tracks, ignites, test)
-    return rows_by_campaign(rows)
-
-
-def count_lit(
-    flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series, test: Ignition
-) -> dict[str, float]:
-    """Return the numbers of `trace_shares` for one campaign.
 
     Parameters
     ----------
@@ -84,12 +36,23 @@ def count_lit(
         missing.
     test
         Of a rise of the grey values.
+
+    Returns
+    -------
+    dict
+        Numbers of flights: ``light_up`` (by ``test``), ``light_at_first`` (its first
+        `LEAST_POINTS` detections are lighter than the kiln behind by `SHARE`),
+        ``too_few`` (points to judge); ``number``, ``estimate``, ``low``, ``high`` of
+        the share that lights up (Wilson). For ``unlit`` and ``lit``, judged flights
+        whose particle truly stays unlit or ignites: their number; ``_up`` that light
+        up; ``_light`` that light up or are light at first; ``_gray``, median grey value
+        along their flights.
     """
-    end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
-    flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
+    ended = tracks.merge(flights[["particle", "end_s"]])
+    flying = ended[ended["time_s"] <= ended["end_s"]].sort_values("frame")
     traces = _traces(flying, test).reindex(flights["particle"])
     rises = traces["outcome"] == SEEN
-    few = traces["outcome"].fillna(TOO_FEW) == TOO_FEW
+    few = ~rises & (traces["outcome"] != NONE)
     at_first = traces["at_first"].eq(True)  # no detection: missing
     share = intervals.share(int(rises.sum()), len(flights))
     count: dict[str, float] = {
@@ -98,9 +61,9 @@ def count_lit(
         "too_few": few.sum(),
         **interval_columns(share),
     }
-    judged = ~few & traces.index.isin(ignites.index)
-    truly = ignites.reindex(traces.index, fill_value=False).astype(bool)
-    for name, kind in (("unlit", judged & ~truly), ("lit", judged & truly)):
+    truly = ignites.reindex(traces.index)
+    for name, burns in (("unlit", False), ("lit", True)):
+        kind = ~few & truly.eq(burns)
         count[name] = kind.sum()
         count[f"{name}_up"] = (kind & rises).sum()
         count[f"{name}_light"] = (kind & (rises | at_first)).sum()
@@ -136,8 +99,7 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     frames in each stretch of about `STRETCH` frames; it is "constant over a specific
     time period" (5.1.2). The picture shows that of the last stretch.
     """
-    shape = recording.attributes.rows, recording.attributes.columns
-    most = np.zeros(shape, np.float32)
+    most = np.zeros(recording.attributes.size, np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
         steps = np.linspace(part[0], part[-1], EMPTY_FRAMES).round().astype(int)
         known = {t: recording.gray(t) for t in np.unique(steps).tolist()}

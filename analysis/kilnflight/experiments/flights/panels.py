@@ -30,8 +30,8 @@ def draw_tracks_below(above: Axes, below: Axes, tracks: pd.DataFrame) -> None:
     """Draw tracks in the picture ``below``, with the limits of the one above."""
     style.draw_tracks(below, tracks)
     below.set(xlim=above.get_xlim(), ylim=above.get_ylim(), aspect="equal")
-    below.set_title(f"{tracks['particle'].nunique()} trajectories from the lance")
-    below.set(xlabel="column (px)", ylabel="row (px)")
+    title = f"{tracks['particle'].nunique()} trajectories from the lance"
+    below.set(title=title, xlabel="column (px)", ylabel="row (px)")
 
 
 def draw_fits(
@@ -64,8 +64,8 @@ def draw_fits(
         seen = track.dropna(subset="z").sort_values("frame")
         place = plots.upright(seen[["x", "y", "z"]])
         if gray:
-            look = {"cmap": "inferno", "vmin": 0, "vmax": 30_000, "s": 2}
-            axes.scatter(*place, c=seen["gray"], **look)
+            look = {"cmap": "inferno", "vmin": 0, "vmax": 30_000}
+            axes.scatter(*place, s=2, c=seen["gray"], **look)
         else:
             axes.plot(*place, color=colour, lw=0.35, ls="-")
     lance = plots.upright(lance_mm)
@@ -84,19 +84,18 @@ def draw_flight(axes: Axes, flight: pd.Series, track: pd.DataFrame, fit: Fit) ->
     lit_s = np.fmin(flight["t0_s"] + flight["ignition_s"], end_s)
     unlit = straight_on(fit, np.linspace(flight["t0_s"], lit_s, 60))
     burning = straight_on(fit, np.linspace(lit_s, end_s, 60))
-    known = track[["x", "y", "z"]]
     lance = np.array(fit.exit_point_mm)
-    end = straight_on(fit, end_s)
-    mark = {LANDED: "s", BURNT_OUT: "o"}[flight["ending"]]
-    red = style.COLOURS[3]
-    for places_mm, form, label, look in (
-        (known, ".", "detections", {"color": "0.65", "ms": 2}),
-        (unlit, "-", "unlit", {"color": "black", "lw": 1.0}),
-        (burning, "-", "burning", {"color": red, "lw": 2.6}),
-        (lance, "x", "lance", {"color": style.COLOURS[1], "ms": 6, "mew": 1.6}),
-        (end, mark, f"end: {flight['ending']}", {"color": "black", "mfc": "white"}),
-    ):
+
+    def draw(places_mm: Any, form: str, label: str, **look: Any) -> None:
         depth, _, up = plots.upright(places_mm - lance)
         axes.plot(-depth, up, form, label=label, **look)
+
+    draw(track[["x", "y", "z"]], ".", "detections", color="0.65", ms=2)
+    draw(unlit, "-k", "unlit", lw=1.0)
+    draw(burning, "-", "burning", lw=2.6, color=style.COLOURS[3])
+    draw(lance, "x", "lance", ms=6, mew=1.6, color=style.COLOURS[1])
+    ending = flight["ending"]
+    mark = {LANDED: "sk", BURNT_OUT: "ok"}[ending]
+    draw(straight_on(fit, end_s), mark, f"end: {ending}", mfc="white")
     label = f"dwell time {flight['dwell_s']:.2f} s"
     axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")

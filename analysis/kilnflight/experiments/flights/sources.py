@@ -19,6 +19,4 @@ class TwinSource:
         return _scene(self.name, self.seed)
 
 
-@lru_cache(maxsize=2)  # the flights of a scene take seconds
-def _scene(name: str, seed: int) -> Twin:
-    return cached_scene(name, seed)
+_scene = lru_cache(maxsize=2)(cached_scene)  # the flights of a scene take seconds

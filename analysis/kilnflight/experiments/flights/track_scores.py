@@ -92,11 +92,6 @@ def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
     return kept[frames.transform("max") - frames.transform("min") + 1 >= LEAST_FRAMES]
 
 
-def true_from_lance(truth: pd.DataFrame, lance: Lance) -> pd.DataFrame:
-    """Return the rows of true trajectories that start at the lance and last."""
-    return lasting(from_lance(truth, lance))
-
-
 def score_from_lance(
     truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance
 ) -> TrackScore | None:
@@ -104,7 +99,7 @@ def score_from_lance(
 
     It is None if no true trajectory starts there and lasts.
     """
-    true = true_from_lance(truth, lance)
+    true = lasting(from_lance(truth, lance))
     if true.empty:
         return None
     return score_tracks(true, from_lance(tracks, lance), GATE_PX, bridged=False)
@@ -174,7 +169,7 @@ def tabulate(cells: Cells) -> pd.DataFrame:
     for key, cell in cells.items():
         row = dict(zip(KEYS, key, strict=True)) | cell.measures
         for name, draws in zip(MEASURES, cell.draws.T, strict=True):
-            row[f"{name}_low"], row[f"{name}_high"] = _interval(draws, least=0.0)
+            row[f"{name}_low"], row[f"{name}_high"] = percentiles(draws)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -199,13 +194,11 @@ def beside_published(measured: pd.DataFrame) -> pd.DataFrame:
     The columns are `KEYS`, ``measure``, ``recomputed``, ``low``, ``high`` and
     ``published``. Values that are not printed are left out.
     """
-    parts = []
-    for name in MEASURES:
-        part = measured[KEYS].assign(measure=name, recomputed=measured[name])
-        part["low"] = measured[f"{name}_low"]
-        part["high"] = measured[f"{name}_high"]
-        parts.append(part)
-    return pd.concat(parts).merge(published())
+    table = measured.melt(KEYS, MEASURES, "measure", "recomputed")
+    for end in ("low", "high"):
+        columns = [f"{name}_{end}" for name in MEASURES]
+        table[end] = measured.melt(value_vars=columns)["value"]
+    return table.merge(published())
 
 
 class Group(NamedTuple):
@@ -230,56 +223,43 @@ class Group(NamedTuple):
         return fraction, tracker, self.stage
 
 
-class Contrast(NamedTuple):
-    """Two groups of as many cells, whose ``measures`` are compared pair by pair."""
-
-    first: Group
-    second: Group
-    measures: Sequence[str]
-
-    def names(self) -> Key:
-        """Return the entry of each column of `KEYS`, "A - B" where groups differ."""
-        found = []
-        for one, other in zip(self.first.names(), self.second.names(), strict=True):
-            found.append(one if one == other else f"{one} - {other}")
-        return tuple(found)
-
-
-def difference(cells: Cells, contrast: Contrast) -> dict[str, object]:
+def difference(
+    cells: Cells, first: Group, second: Group, measures: Sequence[str]
+) -> dict[str, object]:
     """Return the first minus the second group with its 95 % interval, and as printed.
 
     Parameters
     ----------
     cells
         Scored cells by key.
-    contrast
-        Groups to compare. Differences are averaged over pairs of cells and measures.
+    first, second
+        Groups of as many cells, which are compared pair by pair.
+    measures
+        Some of `MEASURES`. Differences are averaged over pairs of cells and measures.
 
     Returns
     -------
     dict
-        `KEYS`, ``measure``, ``recomputed``, ``low`` and ``high`` (NaN with fewer than
-        `LEAST` true trajectories in a cell), ``published`` (NaN if not printed).
+        `KEYS`, "A - B" where the groups differ; ``measure``, ``recomputed``, ``low``
+        and ``high`` (NaN with fewer than `LEAST` true trajectories in a cell),
+        ``published`` (NaN if not printed).
     """
-    first = contrast.first.keys()
-    second = contrast.second.keys()
-    measures = list(contrast.measures)
+    names = []
+    for one, other in zip(first.names(), second.names(), strict=True):
+        names.append(one if one == other else f"{one} - {other}")
 
     def mean(table: pd.DataFrame) -> float:
-        values = table[measures]
-        apart = values.reindex(first).to_numpy() - values.reindex(second).to_numpy()
-        return float(apart.ravel().mean())
+        values, other = (table.reindex(each.keys()) for each in (first, second))
+        return np.mean(values[measures].to_numpy() - other[measures].to_numpy())
 
     ours = pd.DataFrame({key: cell.measures for key, cell in cells.items()}).T
     printed = published().pivot(index=KEYS, columns="measure", values="published")
+    pairs = zip(first.keys(), second.keys(), strict=True)
+    draws = [cells[one].draws - cells[other].draws for one, other in pairs]
     columns = [MEASURES.index(name) for name in measures]
-    draws = [
-        (cells[one].draws - cells[other].draws)[:, columns].mean(axis=1)
-        for one, other in zip(first, second, strict=True)
-    ]
-    low, high = _interval(np.mean(draws, axis=0), least=-1.0)
+    low, high = percentiles(np.mean(draws, axis=0)[:, columns].mean(axis=1))
     return {
-        **dict(zip(KEYS, contrast.names(), strict=True)),
+        **dict(zip(KEYS, names, strict=True)),
         "measure": ", ".join(measures),
         "recomputed": mean(ours),
         "low": low,
@@ -288,29 +268,30 @@ def difference(cells: Cells, contrast: Contrast) -> dict[str, object]:
     }
 
 
-def contrasts(fractions: Sequence[str]) -> Iterator[tuple[str, Contrast]]:
-    """Yield id and contrast of each difference that section 5.2.3 claims."""
-    both = ("alpha", "beta")
+def contrasts(
+    fractions: Sequence[str],
+) -> Iterator[tuple[str, Group, Group, list[str]]]:
+    """Yield id, groups and measures of each difference that section 5.2.3 claims."""
+    both = ["alpha", "beta"]
     others = [name for name in fractions if name != "wood chip"]
     for fraction, tracker, measure in product(fractions, TRACKERS, MEASURES):
         after = Group([fraction], [tracker])
-        yield "track-1", Contrast(after, after._replace(stage="without"), [measure])
+        yield "track-1", after, after._replace(stage="without"), [measure]
     for other, tracker, measure in product(others, TRACKERS, both):
         chips = Group(["wood chip"], [tracker], "without")
-        yield "track-2", Contrast(chips, chips._replace(fractions=[other]), [measure])
+        yield "track-2", chips, chips._replace(fractions=[other]), [measure]
     for fraction, measure in product(fractions, both):
         jpda = Group([fraction], ["JPDA"])
-        yield "track-3", Contrast(jpda, Group([fraction], ["GNN"]), [measure])
+        yield "track-3", jpda, jpda._replace(trackers=["GNN"]), [measure]
     jpda = Group(fractions, ["JPDA"])
-    gnn = Group(fractions, ["GNN"])
-    yield "track-4", Contrast(jpda, gnn, ("alpha", "beta", "jsc"))
+    yield "track-4", jpda, jpda._replace(trackers=["GNN"]), [*both, "jsc"]
     ranks = [("wood chip", other) for other in others]
     if "confetti" in fractions:
         ranks += [("paper shred", "confetti"), ("PE granule", "confetti")]
     for higher, lower in ranks:
-        yield "track-5", Contrast(Group([higher]), Group([lower]), ["alpha"])
+        yield "track-5", Group([higher]), Group([lower]), ["alpha"]
     after = Group(fractions)
-    yield "track-9", Contrast(after, after._replace(stage="without"), both)
+    yield "track-9", after, after._replace(stage="without"), both
 
 
 def differences(cells: Cells) -> pd.DataFrame:
@@ -327,8 +308,8 @@ def differences(cells: Cells) -> pd.DataFrame:
     """
     fractions = list(dict.fromkeys(key[0] for key in cells))
     rows = [
-        {"claim": claim, **difference(cells, contrast)}
-        for claim, contrast in contrasts(fractions)
+        {"claim": claim, **difference(cells, first, second, measures)}
+        for claim, first, second, measures in contrasts(fractions)
     ]
     gnn, jpda = (
         cells["paper shred", name, "with"].measures["fp_tracks"] for name in TRACKERS
@@ -345,14 +326,3 @@ def differences(cells: Cells) -> pd.DataFrame:
         "high": jpda - gnn + half,
     }
     return pd.DataFrame([*rows, false_tracks])
-
-
-def _interval(draws: npt.NDArray[np.float64], least: float) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of draws (DRAWS,), within ``least`` and 1.
-
-    They are NaN if the draws are. ``least`` is 0 for measures and -1 for differences.
-    """
-    if np.isnan(draws).any():
-        return np.nan, np.nan
-    low, high = np.clip(percentiles(draws), least, 1.0)
-    return float(low), float(high)

@@ -9,7 +9,7 @@ Table 5.17, and by nothing else: these eight numbers then test nothing.
 tries all `LIMITS` on the full windows and writes data/reference/tracker_limits.csv.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import partial
 from itertools import product
 
@@ -28,7 +28,7 @@ from kilnflight.tracking.tracker import Management, track
 # visibility is 1/2, after two misses 1/3. Gaps of up to 15 frames are closed afterwards
 # (Table 5.16).
 VISIBILITIES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-LIMITS = [(0.0, 0), *product(VISIBILITIES, (1, 2, 3, 5, 8, 15))]
+LIMITS = ((0.0, 0), *product(VISIBILITIES, (1, 2, 3, 5, 8, 15)))
 
 
 def limits() -> pd.DataFrame:
@@ -59,20 +59,21 @@ def chosen(name: str, **changes: float) -> Tracker:
         associator = GNN(value["size_weight"], value["nonassignment_cost"])
     else:
         associator = JPDA(value["detection_probability"], value["size_weight"])
-    motion = ConstantVelocity(
-        velocity_sd=value["velocity_sd"],
-        acceleration_noise=value["acceleration_noise"],
-        measurement_sd=value["measurement_sd"],
-    )
-    gate = Gate(value["gate"], value["depth_gate"])
-    management = Management(value["visibility"], int(value["missed_frames"]))
     return partial(
-        track, associator=associator, motion=motion, gate=gate, management=management
+        track,
+        associator=associator,
+        motion=ConstantVelocity(
+            velocity_sd=value["velocity_sd"],
+            acceleration_noise=value["acceleration_noise"],
+            measurement_sd=value["measurement_sd"],
+        ),
+        gate=Gate(value["gate"], value["depth_gate"]),
+        management=Management(value["visibility"], int(value["missed_frames"])),
     )
 
 
 def identify(
-    windows: Iterable[Window], limits: Iterable[tuple[float, int]] = tuple(LIMITS)
+    windows: Sequence[Window], limits: Sequence[tuple[float, int]] = LIMITS
 ) -> pd.DataFrame:
     """Return the misfit of each setting of the limits of Eq. 4.14, the best first.
 
@@ -94,11 +95,10 @@ def identify(
         tracker, in columns such as "wood chip, GNN".
     """
     printed = scores.published().set_index([*scores.KEYS, "measure"])["published"]
-    parts = list(windows)
     rows = []
-    for visibility, missed in tqdm(list(limits), "limits of tracks", disable=None):
+    for visibility, missed in tqdm(limits, "limits of tracks", disable=None):
         row = {"visibility": visibility, "missed_frames": missed, "misfit": 0.0}
-        for window, name in product(parts, scores.TRACKERS):
+        for window, name in product(windows, scores.TRACKERS):
             tracker = chosen(name, visibility=visibility, missed_frames=missed)
             tracks = tracker(window.detections)
             score = scores.score_from_lance(window.truth, tracks, window.lance)

@@ -15,10 +15,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.arrays import Index
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
-from kilnflight.experiments.flights.campaigns import LearnedSettings
+from kilnflight.experiments.flights.campaigns import LearnedSettings, flight_frames
 from kilnflight.experiments.flights.differences import StoredDifferences
 from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.experiments.flights.track_scores import (
@@ -27,8 +26,9 @@ from kilnflight.experiments.flights.track_scores import (
     Key,
     Lance,
     Scored,
+    from_lance,
+    lasting,
     score_cell,
-    true_from_lance,
 )
 from kilnflight.scores.detections import pair
 from kilnflight.simulated.kiln.scene import Twin
@@ -82,26 +82,17 @@ class Window(NamedTuple):
     lance: Lance
 
 
-def flying_particles(twin: Twin, starts: npt.ArrayLike, length: int) -> Index:
-    """Return how many particles fly in ``length`` frames from each start."""
-    first = np.asarray(starts)[:, None]
-    table = twin.life.table
-    rate = twin.scene.frame_rate_hz
-    released = table["release_s"].to_numpy() * rate
-    ended = released + table["end_s"].to_numpy() * rate
-    flying = (released < first + length) & (ended > first)
-    return flying.sum(axis=1)
-
-
-def scored_frames(twin: Twin, scale: str, by_starts: bool = False) -> range:
-    """Return the frames of Table 5.15, or the part with most particles.
+def scored_frames(twin: Twin, scale: str, by_starts: bool) -> range:
+    """Return the frames of Table 5.15, or the part in which most particles fly.
 
     A reduced ``scale`` takes `LENGTHS` frames. ``by_starts``: see `tracking_window`.
     """
     within = tracking_window(twin, by_starts)
     length = LENGTHS[scale] or len(within)
-    starts = range(within.start, within.stop - length + 1)
-    start = starts[int(flying_particles(twin, starts, length).argmax())]
+    starts = np.arange(within.start, within.stop - length + 1)
+    begin, end = flight_frames(twin)
+    flying = (begin < starts[:, None] + length) & (end > starts[:, None])
+    start = int(starts[flying.sum(axis=1).argmax()])
     return range(start, start + length)
 
 
@@ -132,18 +123,18 @@ def windows(
     scenario
         One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     """
-    detector = Combination(sift(settings.threshold))
     stored = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         name = scene_name(campaign_name(fraction, 4.5), scenario)
         source = TwinSource(name, seed)
-        part = StoredDifferences(
-            source=source,
-            frames=scored_frames(source.recording(), scale, by_starts),
-            detector=detector,
-            background=BACKGROUNDS[scale],
+        stored.append(
+            StoredDifferences(
+                source=source,
+                frames=scored_frames(source.recording(), scale, by_starts),
+                detector=Combination(sift(settings.threshold)),
+                background=BACKGROUNDS[scale],
+            )
         )
-        stored.append(part)
     lengths = [len(part.frames) for part in stored]
     Workers(jobs)(StoredDifferences.make, stored, lengths, "detection in windows")
     return [_window(part, settings) for part in stored]
@@ -190,13 +181,15 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     fraction's number. So all cells of a window draw the same true trajectories, and
     their differences are paired.
     """
-    numbers = {name: k for k, name in enumerate(WINDOWS, 1)}
+    fractions = list(WINDOWS)
     trackers = list(dict.fromkeys(name for _, name in tracked))
+    by_fraction = {window.fraction: window for window in windows}
     found = dict[Key, Scored]()
-    for window, (number, name) in product(windows, enumerate(trackers, 1)):
-        fraction = window.fraction
-        for stage, tracks in tracked[fraction, name].items():
-            seed = (numbers[fraction], number, 1 + STAGES.index(stage))
+    for (fraction, name), stages in tracked.items():
+        number = (1 + fractions.index(fraction), 1 + trackers.index(name))
+        window = by_fraction[fraction]
+        for stage, tracks in stages.items():
+            seed = (*number, 1 + STAGES.index(stage))
             cell = score_cell(window.truth, tracks, window.lance, seed)
             found[fraction, name, stage] = cell
     return found
@@ -215,17 +208,18 @@ def true_particles(
     spots = detections[["row", "col"]].to_numpy(np.float64)
     places = true[["row", "col"]].to_numpy(np.float64)
     particle = true["particle"].to_numpy()
-    rows = detections.groupby("frame").indices
-    for frame, there in true.groupby("frame").indices.items():
-        here = rows.get(frame, np.empty(0, np.intp))
-        pairs = pair(places[there], spots[here], GATE_PX)
-        owner[here[pairs[:, 1]]] = particle[there[pairs[:, 0]]]
+    visible = true.groupby("frame").indices
+    for frame, here in detections.groupby("frame").indices.items():
+        if frame in visible:
+            there = visible[frame]
+            pairs = pair(places[there], spots[here], GATE_PX)
+            owner[here[pairs[:, 1]]] = particle[there[pairs[:, 0]]]
     return owner
 
 
 def count_window(window: Window) -> dict[str, object]:
     """Return the row of Table 5.15 of a window: its frames and what is in them."""
-    scored = true_from_lance(window.truth, window.lance)
+    scored = lasting(from_lance(window.truth, window.lance))
     owner = true_particles(window.detections, window.visible)
     return {
         "fraction": window.fraction,
@@ -236,7 +230,7 @@ def count_window(window: Window) -> dict[str, object]:
         "positions_visible": len(window.visible),
         "positions": len(window.truth),
         "detections": len(window.detections),
-        "of_no_particle": np.count_nonzero(owner < 0),
+        "of_no_particle": (owner < 0).sum(),
     }
 
 
@@ -281,5 +275,5 @@ def joined_tables(
     Detections of no track are left out.
     """
     table = pd.concat(tables, names=["fraction", column]).reset_index([0, 1])
-    places = ["particle", "frame", "row", "col"]
-    return tracklets.tracked(table)[["fraction", column, *places]]
+    table = tracklets.tracked(table)
+    return table[["fraction", column, "particle", "frame", "row", "col"]]

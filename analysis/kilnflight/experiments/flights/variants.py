@@ -62,5 +62,5 @@ def varied(
     """Return the results with other runs; ``jobs`` processes make missing tables."""
     changed = [each._replace(run=change(each)) for each in results.campaigns]
     tables = measure_campaigns(changed, Workers(jobs))
-    measured = values_by_campaign(tables, [each.key for each in changed])
+    measured = values_by_campaign(tables, results.measured)
     return results._replace(campaigns=changed, tables=tables, measured=measured)

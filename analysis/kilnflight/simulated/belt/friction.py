@@ -28,6 +28,7 @@ from kilnflight.belt.models import (
 from kilnflight.simulated.belt.bulk import BULKS
 
 GRAVITY_MM_S2 = 9810.0
+_LEAST_SPEED = 1e-300  # mm/s, divides the zero velocity
 
 
 @dataclass(frozen=True)
@@ -163,8 +164,7 @@ class FrictionBelt:
         # The force that ends the slip in this step, up to the Coulomb limit. Along a
         # cylinder's axis, where nothing rolls, the slip takes a few steps to end.
         push = np.minimum(self.friction * GRAVITY_MM_S2, speed / (both * step))
-        direction = np.divide(slip, speed, out=np.zeros_like(slip), where=speed > 0)
-        change = -push * step * direction
+        change = -push * step * (slip / speed.clip(_LEAST_SPEED))
         state.velocity += change
         if np.isfinite(self.inertia):
             turn = change / self.inertia
@@ -173,7 +173,8 @@ class FrictionBelt:
             state.rolling += turn
             # Rolling resistance; friction at the contact then takes the particle along.
             loss = self.rolling_friction * GRAVITY_MM_S2 * step * both
-            state.rolling *= _remaining_share(state.rolling, loss)
+            rolls = np.linalg.norm(state.rolling, axis=1, keepdims=True)
+            state.rolling *= (rolls - loss).clip(0.0) / rolls.clip(_LEAST_SPEED)
         kicked = generator.random(self.particles) < self.kicks_per_s * step
         kicks = generator.normal(0.0, self.kick_mm_s, (int(kicked.sum()), 2))
         state.velocity[kicked] += kicks
@@ -183,14 +184,6 @@ class FrictionBelt:
 def _part_along(vectors: Array, axis: Array) -> Array:
     """Return the part of vectors (n, 2) along unit vectors (n, 2)."""
     return axis * (vectors * axis).sum(axis=1, keepdims=True)
-
-
-def _remaining_share(velocity: Array, loss: float) -> Array:
-    """Return the share (n, 1) of velocities (n, 2) that a loss of speed leaves."""
-    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    share = np.zeros_like(speed)
-    np.divide(speed - loss, speed, out=share, where=speed > loss)
-    return share
 
 
 @dataclass

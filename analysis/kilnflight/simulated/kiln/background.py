@@ -93,16 +93,6 @@ def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Index, Index]]:
         yield slice(first, last), np.arange(first, last)[:, None], column
 
 
-@lru_cache(maxsize=1)
-def _depth_mm(geometry: Geometry) -> Array:
-    """Return the depth (rows, columns) at which rays meet wall or plate; read-only."""
-    depth = np.empty((geometry.rows, geometry.columns))
-    for rows, row, column in _blocks(geometry):
-        depth[rows] = geometry.wall_depth(row, column)
-    depth.flags.writeable = False
-    return depth
-
-
 def _see_tube(
     geometry: Geometry,
     mouth_m: Array,
@@ -137,24 +127,31 @@ def _see_tube(
     return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
 
 
-@lru_cache(maxsize=1)  # the scenes of a run have the same ones
-def _see_tubes(geometry: Geometry, nozzle_m: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return depth in mm and level over the wall's of lance and burner.
+class Still(NamedTuple):
+    """What the camera sees of the kiln; arrays (rows, columns)."""
 
-    Both are (rows, columns). The mouth of the burner is in kiln coordinates.
-    """
-    depth = np.full((geometry.rows, geometry.columns), np.inf)
-    level = np.zeros(depth.shape)
+    wall_mm: Array  # depth of wall or inlet plate
+    tube_mm: Array  # depth of lance and burner; infinite where neither is
+    shade: Array  # level of lance and burner over the wall's
+
+
+@lru_cache(maxsize=1)  # the scenes of a run have the same one
+def _see_kiln(geometry: Geometry, nozzle_m: tuple[float, ...]) -> Still:
+    """Return wall, lance and burner, whose mouth is in kiln coordinates."""
+    shape = (geometry.rows, geometry.columns)
+    still = Still(np.empty(shape), np.full(shape, np.inf), np.zeros(shape))
     tubes = (
         (geometry.lance_m, (LANCE_MM, BORE_MM)),
         (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM)),
     )
     for rows, row, column in _blocks(geometry):
+        still.wall_mm[rows] = geometry.wall_depth(row, column)
+        depth = still.tube_mm[rows]
         for mouth_m, radii in tubes:
             seen, shade = _see_tube(geometry, mouth_m, radii, row, column)
-            level[rows] = np.where(seen < depth[rows], shade, level[rows])
-            depth[rows] = np.minimum(seen, depth[rows])
-    return depth, level
+            np.copyto(still.shade[rows], shade, where=seen < depth)
+            np.minimum(seen, depth, out=depth)
+    return still
 
 
 @lru_cache(maxsize=1)
@@ -234,25 +231,25 @@ class Background:
         return self.geometry.to_kiln(place_mm)
 
     @property
-    def _tubes(self) -> tuple[Array, Array]:
-        return _see_tubes(self.geometry, tuple(self.nozzle_m))
+    def _still(self) -> Still:
+        return _see_kiln(self.geometry, tuple(self.nozzle_m))
 
     @cached_property
     def solid_mm(self) -> Single:
         """Depth (rows, columns) of lance and burner; infinite where neither is."""
-        return self._tubes[0].astype(np.float32)
+        return self._still.tube_mm.astype(np.float32)
 
     @cached_property
     def depth_mm(self) -> Single:
         """True depth of wall, plate, lance and burner, (rows, columns)."""
-        depth = np.minimum(_depth_mm(self.geometry), self.solid_mm)
+        depth = np.minimum(self._still.wall_mm, self.solid_mm)
         return depth.astype(np.float32)
 
     @cached_property
     def level(self) -> Single:
         """Grey values (rows, columns) of wall, plate and tubes, without flicker."""
         geometry = self.geometry
-        wall_mm = _depth_mm(geometry)
+        wall_mm, tube_mm, shade = self._still
         level = np.empty(wall_mm.shape)
         for rows, row, column in _blocks(geometry):
             point = geometry.to_kiln(geometry.unproject(row, column, wall_mm[rows]))
@@ -260,7 +257,6 @@ class Background:
             around = np.arctan2(z, y) / (2 * np.pi) + 0.5
             wall = np.exp(TEXTURE_SD * self._texture(around, s / 8.4 + 0.4))
             level[rows] = np.where(s <= geometry.inlet_m + 0.01, PLATE, wall)
-        tube_mm, shade = self._tubes
         level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
         down = np.linspace(-1, 1, geometry.rows)[:, None]
         over = 4 / 3 * np.linspace(-1, 1, geometry.columns)
@@ -338,26 +334,20 @@ class Background:
             row, column = corner[k]
             picture[row : row + side, column : column + side] += share[k] * spot[k]
 
-    @property
-    def _block(self) -> int:
-        return int(FLICKER_BLOCK * self._scale)
-
-    @property
-    def _cells(self) -> tuple[int, int]:
-        rows = -(-self.geometry.rows // self._block)
-        return rows, -(-self.geometry.columns // self._block)
-
     @cached_property
     def _patterns(self) -> tuple[Array, Single]:
-        """Frequencies (waves,) in Hz and patterns (2 waves, cells) of the flicker."""
+        """Frequencies (waves,) in Hz, and patterns (2 waves, down, over) of flicker."""
         generator = np.random.default_rng([self.seed, 105])
         corner = 1 / (2 * np.pi * FLICKER_S)
         strata = (np.arange(WAVES) + generator.uniform(0, 1, WAVES)) / WAVES
-        spread = FLICKER_PX * self._scale / self._block
-        noise = generator.normal(size=(2 * WAVES, *self._cells)).astype(np.float32)
+        block = int(FLICKER_BLOCK * self._scale)
+        down = -(-self.geometry.rows // block)
+        over = -(-self.geometry.columns // block)
+        spread = FLICKER_PX * self._scale / block
+        noise = generator.normal(size=(2 * WAVES, down, over)).astype(np.float32)
         smooth = np.stack([cv2.GaussianBlur(one, (0, 0), spread) for one in noise])
         smooth *= FLICKER / (smooth.std() * np.sqrt(WAVES))
-        return corner * np.tan(np.pi / 2 * strata), smooth.reshape(2 * WAVES, -1)
+        return corner * np.tan(np.pi / 2 * strata), smooth
 
     def _flicker(self, time_s: float) -> Single:
         """Return the flicker of hot gas (rows, columns): positive factors about 1."""
@@ -365,10 +355,10 @@ class Background:
         angle = 2 * np.pi * hertz * time_s
         weights = np.concatenate([np.cos(angle), np.sin(angle)]).astype(np.float32)
         # BLAS is avoided: its sums depend on the number of its threads.
-        field = np.exp(np.einsum("i,ij->j", weights, patterns))
+        field = np.exp(np.einsum("i,ijk->jk", weights, patterns))
         field *= np.float32(np.exp(self.common(time_s) - 1))
         size = (self.geometry.columns, self.geometry.rows)
-        return cv2.resize(field.reshape(self._cells), size)
+        return cv2.resize(field, size)
 
     def at(self, time_s: float) -> Single:
         """Return the picture (rows, columns) at a time, without particles and noise."""

@@ -16,7 +16,7 @@ without any picture, and rounded by hand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -96,102 +96,94 @@ class Law:
 # (`kilnflight.experiments.flights.identified`); that of confetti gives RMSE in x and y
 # of Table 5.18. ``ignite`` and ``when`` are printed (sec. 5.3.2); wood and PE never
 # ignite in the air. The rest are assumptions.
+_WOOD = Law(
+    first=14.2,
+    spread=0.04,
+    slope=-1.35,
+    rise=0.47,
+    rise_sd=0.27,
+    aside_sd=1.375,
+    drag_s=0.8,
+)
+_CONFETTI = Law(
+    first=9.4,
+    spread=0.36,
+    slope=-4.3,
+    rise=0.4,
+    rise_sd=1.2,
+    aside_sd=1.5,
+    drag_s=0.2,
+    drag_spread=0.2,
+    flutter_m=0.01,
+    flutter_hz=8.0,
+    ignite=0.26,
+    when=(3.0, 47.0, 30.0, 14.0, 6.0),
+    flame_s=0.15,
+)
+_SHREDS = Law(
+    first=6.2,
+    spread=0.36,
+    slope=-3.6,
+    rise=0.84,
+    rise_sd=0.6,
+    aside_sd=2.25,
+    drag_s=0.2,
+    drag_spread=0.2,
+    flutter_m=0.024,
+    flutter_hz=7.0,
+    ignite=0.71,
+    when=(29.6, 26.0, 21.0, 15.0, 8.4),
+    flame_s=0.3,
+)
+_GRANULES = Law(
+    first=8.45,
+    spread=0.17,
+    slope=-0.45,
+    rise=0.96,
+    rise_sd=0.57,
+    aside_sd=0.875,
+    drag_s=2.0,
+)
 LAWS = {
-    ("wood chip", 4.5): Law(
-        first=14.2,
-        spread=0.04,
-        slope=-1.35,
-        rise=0.47,
-        rise_sd=0.27,
-        aside_sd=1.375,
-        drag_s=0.8,
-    ),
-    ("wood chip", 5.0): Law(
+    ("wood chip", 4.5): _WOOD,
+    ("wood chip", 5.0): replace(
+        _WOOD,
         first=13.4,
         spread=0.08,
         slope=-0.7,
         rise=0.32,
         rise_sd=1.0,
-        aside_sd=1.375,
-        drag_s=0.8,
     ),
-    ("confetti", 4.5): Law(
-        first=9.4,
-        spread=0.36,
-        slope=-4.3,
-        rise=0.4,
-        rise_sd=1.2,
-        aside_sd=1.5,
-        drag_s=0.2,
-        drag_spread=0.2,
-        flutter_m=0.01,
-        flutter_hz=8.0,
-        ignite=0.26,
-        when=(3.0, 47.0, 30.0, 14.0, 6.0),
-        flame_s=0.15,
-    ),
-    ("confetti", 5.0): Law(
+    ("confetti", 4.5): _CONFETTI,
+    ("confetti", 5.0): replace(
+        _CONFETTI,
         first=9.3,
         spread=0.15,
         slope=-3.8,
         rise=0.9,
         rise_sd=1.47,
-        aside_sd=1.5,
-        drag_s=0.2,
-        drag_spread=0.2,
-        flutter_m=0.01,
-        flutter_hz=8.0,
         ignite=0.17,
         when=(0.0, 20.0, 60.0, 15.0, 5.0),
-        flame_s=0.15,
     ),
-    ("paper shred", 4.5): Law(
-        first=6.2,
-        spread=0.36,
-        slope=-3.6,
-        rise=0.84,
-        rise_sd=0.6,
-        aside_sd=2.25,
-        drag_s=0.2,
-        drag_spread=0.2,
-        flutter_m=0.024,
-        flutter_hz=7.0,
-        ignite=0.71,
-        when=(29.6, 26.0, 21.0, 15.0, 8.4),
-        flame_s=0.3,
-    ),
-    ("paper shred", 5.0): Law(
+    ("paper shred", 4.5): _SHREDS,
+    ("paper shred", 5.0): replace(
+        _SHREDS,
         first=6.7,
         spread=0.375,
         slope=-3.8,
         rise=1.37,
         rise_sd=1.19,
-        aside_sd=2.25,
-        drag_s=0.2,
-        drag_spread=0.2,
-        flutter_m=0.024,
-        flutter_hz=7.0,
         ignite=0.4,
         when=(15.0, 25.0, 28.0, 22.0, 10.0),
-        flame_s=0.3,
     ),
-    ("PE granule", 4.5): Law(
-        first=8.45,
-        spread=0.17,
-        slope=-0.45,
-        rise=0.96,
-        rise_sd=0.57,
-        aside_sd=0.875,
-        drag_s=2.0,
-    ),
-    ("PE granule", 5.0): Law(
+    ("PE granule", 4.5): _GRANULES,
+    ("PE granule", 5.0): replace(
+        _GRANULES,
         first=7.45,
         spread=0.05,
         slope=0.76,
         rise=0.98,
         rise_sd=0.36,
-        aside_sd=0.875,
-        drag_s=2.0,
     ),
 }
 
@@ -220,9 +212,8 @@ class Flights(NamedTuple):
 
     def along(self, t: Array) -> Array:
         """Return s in m at times t (..., n)."""
-        growth = np.where(self.k == 0, 1.0, self.k)
-        curved = self.v0 * np.expm1(self.k * t) / growth
-        return np.where(self.k == 0, self.v0 * t, curved)
+        k = np.where(self.k == 0, 1e-9, self.k)
+        return self.v0 * np.expm1(k * t) / k
 
     def position(self, t: Array) -> Array:
         """Return s, y, z (..., n, 3) in m at times t (..., n)."""

@@ -48,6 +48,7 @@ WINDOWS: dict[str, tuple[int, int]] = {
     "PE granule": (25, 300),
 }
 STARTS = {"wood chip": 100, "confetti": 200, "paper shred": 550, "PE granule": 200}
+LASTING = 15  # frames, as `kilnflight.experiments.flights.track_scores.lasting` has
 DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
 # Frames at 4.5 and 5 bar (appendix A.1).
 LENGTHS: dict[str, tuple[int, int]] = {
@@ -115,11 +116,11 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
 
 
 def started_and_whole(
-    twin: Twin, starts: npt.ArrayLike, length: int, lasting: int = 15
+    twin: Twin, starts: npt.ArrayLike, length: int
 ) -> tuple[Index, Index]:
     """Count the flights that start within so many frames of each start, and whole ones.
 
-    The lance releases both in these frames. The first fly for ``lasting`` frames of
+    The lance releases both in these frames. The first fly for `LASTING` frames of
     them, the second end in them as well.
 
     Parameters
@@ -130,9 +131,6 @@ def started_and_whole(
         First frames of the windows (n,).
     length
         Frames of each window.
-    lasting
-        Least number of frames; 15 is that of
-        `kilnflight.experiments.flights.track_scores.lasting`.
 
     Returns
     -------
@@ -145,7 +143,7 @@ def started_and_whole(
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
     seen = np.minimum(ended, begin + length) - released
-    started = (released >= begin) & (seen >= lasting)
+    started = (released >= begin) & (seen >= LASTING)
     whole = started & (ended < begin + length)
     return started.sum(axis=1), whole.sum(axis=1)
 

@@ -30,16 +30,14 @@ NOTED_STEPS = 4
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}
 
 
-def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
-    """Return the tables `particles` and `sightings`, of all frames or some.
+def tables(twin: Twin, frames: range) -> dict[str, pd.DataFrame]:
+    """Return the tables `particles` and `sightings` of some frames.
 
     Raises
     ------
     InputError
         If the recording has not all of these frames.
     """
-    if frames is None:
-        frames = range(len(twin))
     if not frames or frames[0] < 0 or frames[-1] >= len(twin):
         raise InputError(
             f"scene {twin.scene.name}: it has frames 0 to {len(twin) - 1}."
