@@ -12,7 +12,6 @@ the noise. The noise is measured in the frame itself, so nothing depends on the
 exposure.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
@@ -219,22 +218,18 @@ def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     shape
         Rows and columns of the image.
     """
-    rows, cols = shape
-    radii = np.maximum(discs[:, 2], smallest)
-    widest = 2 * radii + 1
-    most = np.minimum(widest, rows) * np.minimum(widest, cols)
-    found = np.empty((3, np.int64(most.sum())), np.intp)
+    radius = np.maximum(discs[:, 2:], smallest)
+    low = np.maximum(np.ceil(discs[:, :2] - radius), 0).astype(np.intp)
+    above = np.floor(discs[:, :2] + radius) + 1
+    high = np.minimum(above, np.array(shape)).astype(np.intp)
+    sides = np.maximum(high - low, 0)
+    found = np.empty((3, (sides[:, 0] * sides[:, 1]).sum()), np.intp)
     count = 0
     for disc in range(len(discs)):
-        y, x, _ = discs[disc]
-        radius = radii[disc]
-        left = max(math.ceil(x - radius), 0)
-        right = min(math.floor(x + radius) + 1, cols)
-        for row in range(max(math.ceil(y - radius), 0), rows):
-            if row > y + radius:
-                break
-            for col in range(left, right):
-                if (row - y) ** 2 + (col - x) ** 2 <= radius**2:
+        limit = radius[disc, 0] ** 2
+        for row in range(low[disc, 0], high[disc, 0]):
+            for col in range(low[disc, 1], high[disc, 1]):
+                if (row - discs[disc, 0]) ** 2 + (col - discs[disc, 1]) ** 2 <= limit:
                     found[0, count] = disc
                     found[1, count] = row
                     found[2, count] = col
