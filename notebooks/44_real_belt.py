@@ -34,6 +34,7 @@ from kilnflight.belt.phase import (
 )
 from kilnflight.belt.recordings import CAMERA_END_PX, MM_PER_PX, REAL_FRAME_S
 from kilnflight.belt.tracker import Appearance, BeltTracker
+from kilnflight.checks import InputError
 from kilnflight.experiments.belt import paper_2020, recorded
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
@@ -88,7 +89,7 @@ measured = {
 
 
 # %%
-def estimate_velocity(places):
+def estimate_velocity(places, name):
     """Return the commonest step of measurements along the belt, in px per frame."""
     after = places.assign(frame=places["frame"] - 1)
     pairs = places.reset_index().merge(after, on="frame", suffixes=("", "_after"))
@@ -98,9 +99,17 @@ def estimate_velocity(places):
     beside = (pairs["y_after"] - pairs["y"]).abs() <= 8
     pairs = pairs[beside & pairs["step"].between(5, 500)]
     counts, edges = np.histogram(pairs["step"], np.arange(5.0, 504.0, 4.0))
-    highest = np.convolve(counts, np.ones(3), mode="same").argmax()
-    peak = edges[highest : highest + 2].mean()
-    pairs = pairs[(pairs["step"] - peak).abs() <= max(0.2 * peak, 8.0)]
+    heights = np.convolve(counts, np.ones(3), mode="same")
+    middles = 0.5 * (edges[:-1] + edges[1:])
+    peak = middles[heights.argmax()]
+    reach = max(0.2 * peak, 8.0)
+    pairs = pairs[(pairs["step"] - peak).abs() <= reach]
+    rival = heights[np.abs(middles - peak) > reach + 4.0].max()
+    if len(pairs) < 20 or 2 * rival >= heights.max():
+        raise InputError(
+            f"{name}: {len(pairs)} pairs of measurements move by some {peak:.0f} px "
+            "per frame. At least 20 must, and twice as many as by any other velocity."
+        )
     step = pairs["step"].median()
     before_last = (places["frame"] < places["frame"].max()).sum()
     return {
@@ -112,7 +121,7 @@ def estimate_velocity(places):
     }
 
 
-velocities = {key: estimate_velocity(part) for key, part in pixels.items()}
+velocities = {key: estimate_velocity(part, key[1]) for key, part in pixels.items()}
 pd.DataFrame(velocities).T
 
 # %% [markdown]

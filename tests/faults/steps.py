@@ -31,7 +31,7 @@ from kilnflight.recording.files import open_any
 from kilnflight.recording.store import write_recording
 from kilnflight.recording.track_files import read_table, write_table
 from kilnflight.regression import fits, regress, regress_all
-from kilnflight.scores import rates, score_detections, score_tracks
+from kilnflight.scores import intervals, rates, score_detections, score_tracks
 from kilnflight.tracking import track
 from kilnflight.tracklets import STEPS, Cutting, postprocess
 
@@ -92,6 +92,8 @@ STEPS_AND_INPUT = {
     "score in mm": (partial(scored, ["x", "y", "z"]), {"truth": FLOWN, "candidate": FLOWN, "gate": 5.0}, "frame:below"),
     "score_detections": (score_detections, {"truth": cloud()[:9, :2], "detected": cloud()[:8, :2], "gate": 9.0}, ""),
     "rates": (rates, {"true_positives": MANY, "false_positives": MANY, "false_negatives": MANY}, "*:deeper"),
+    "percentiles": (intervals.percentiles, {"values": MANY}, ""),
+    "median": (lambda values: intervals.median_interval(values, np.random.default_rng(0)), {"values": MANY}, ""),
     **{f"cluster {k}": (each, {"points": cloud()}, "") for k, each in enumerate(CLUSTERERS)},
     **{f"detect {k}": (each, {"foreground": blobs([(30, 40), (60, 90)])}, "") for k, each in enumerate(DETECTORS)},
     **{

@@ -53,9 +53,9 @@ def test_the_motion_of_detections_is_that_of_their_links():
     table = walks(drift=(2.0, 9.0), diffusing=0.125).drop(columns="particle")
     motion = motion_of(table)
     assert motion.velocity == pytest.approx((2, 9), abs=0.1)
-    assert motion.noise == pytest.approx(
-        0.5, rel=0.1
-    )  # steps that do not depend on each other
+    # Steps do not depend on each other: no step tells of the next one's velocity.
+    assert motion.noise == pytest.approx(0.5, rel=0.1)
+    assert motion.spreads[1] < 0.01 * motion.noise
     assert motion_of(table, max_step=12.0).noise == pytest.approx(3)
     with pytest.raises(InputError, match="max_step"):
         motion_of(table, max_step=0)

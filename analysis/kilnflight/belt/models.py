@@ -142,7 +142,9 @@ class ArrivalModel(_Model, ABC):
         time, distance, velocity, _ = _rest_of_belt(last, target_mm)
         (arrived,) = _take(arrival, "arrival", "time_s")
         duration = arrived - time
-        check_number(duration.min(), "arrival: time_s after that of last", above=0)
+        if (duration <= 0).any():
+            row = np.argmax(duration <= 0)
+            raise InputError(f"arrival: time_s in row {row} is not after that of last.")
         return self._fitted(distance, velocity, duration)
 
     @abstractmethod
@@ -172,7 +174,11 @@ def _rest_of_belt(last: Columns, target_mm: float) -> list[Array]:
     names = ("time_s", "x", "velocity_x_mm_s", "acceleration_x_mm_s2")
     time, x, velocity, acceleration = _take(last, "last", *names)
     distance = target_mm - x
-    check_number(distance.min(initial=1.0), "target_mm beyond x of last", above=0)
+    if (distance <= 0).any():
+        row = np.argmax(distance <= 0)
+        raise InputError(
+            f"target_mm: {target_mm} mm is not beyond x of last in row {row}."
+        )
     return [time, distance, velocity, acceleration]
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array
-from kilnflight.checks import check_number
+from kilnflight.checks import check_finite, check_number
 from kilnflight.scores.tracks import TrackScore
 
 LEVEL = 0.95
@@ -46,25 +46,24 @@ class Interval(NamedTuple):
     number: int
 
 
-def percentiles(draws: Array) -> Array:
-    """Return the ends (2,) of the middle 95 % of draws (n,), NaN if one is NaN."""
+def percentiles(values: npt.ArrayLike) -> Array:
+    """Return the ends (2,) of the middle 95 % of draws (n,)."""
+    draws = check_finite(values, "percentiles: values", (None,))
     return np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
 
 
 def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
-    """Return the median of values (n,) with its bootstrap interval (Efron).
+    """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
-    Values that are not finite are unknown and left out. The interval has the values'
-    unit. ``generator`` is copied, not advanced, so that the same particles have the
-    same interval everywhere.
+    The interval has the values' unit. ``generator`` is copied, not advanced, so that
+    the same particles have the same interval everywhere.
 
     Notes
     -----
     Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent
     for medians. The interval is infinite with fewer than `LEAST` values.
     """
-    sample = np.asarray(values, np.float64)
-    sample = sample[np.isfinite(sample)]
+    sample = check_finite(values, "median_interval: values", (None,))
     number = len(sample)
     if number == 0:
         return Interval(math.nan, -math.inf, math.inf, 0)

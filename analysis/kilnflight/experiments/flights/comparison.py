@@ -48,11 +48,17 @@ def interval_columns(interval: Interval) -> dict[str, float]:
     return row
 
 
+def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+    """Return the median of the known (finite) values, with its interval."""
+    sample = np.asarray(values, np.float64)
+    return intervals.median_interval(sample[np.isfinite(sample)], generator)
+
+
 def median_columns(
     values: npt.ArrayLike, generator: np.random.Generator
 ) -> dict[str, float]:
-    """Return the `interval_columns` of the median of the finite values."""
-    return interval_columns(intervals.median_interval(values, generator))
+    """Return the `interval_columns` of `median_of`."""
+    return interval_columns(median_of(values, generator))
 
 
 def interval_of(
@@ -73,7 +79,7 @@ def interval_of(
     """
     taken = outcome.take(values)
     if outcome.kind == MEDIAN:
-        return intervals.median_interval(taken, generator)
+        return median_of(taken, generator)
     percent, counted = taken
     if np.isnan(percent):
         return Interval(percent, low=-np.inf, high=np.inf, number=counted)

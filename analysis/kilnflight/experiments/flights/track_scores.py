@@ -155,6 +155,14 @@ def score_cell(
     return Scored(measures_of(score), draws)
 
 
+def _ends(draws: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Return the ends of an interval, NaN where a cell has too few trajectories."""
+    if np.isnan(draws).any():
+        return np.nan, np.nan
+    low, high = percentiles(draws)
+    return low, high
+
+
 def tabulate(cells: Cells) -> pd.DataFrame:
     """Return the measures as Table 5.17, one row per cell, with 95 % intervals.
 
@@ -169,7 +177,7 @@ def tabulate(cells: Cells) -> pd.DataFrame:
     for key, cell in cells.items():
         row = dict(zip(KEYS, key, strict=True)) | cell.measures
         for name, draws in zip(MEASURES, cell.draws.T, strict=True):
-            row[f"{name}_low"], row[f"{name}_high"] = percentiles(draws)
+            row[f"{name}_low"], row[f"{name}_high"] = _ends(draws)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -257,7 +265,7 @@ def difference(
     pairs = zip(first.keys(), second.keys(), strict=True)
     draws = [cells[one].draws - cells[other].draws for one, other in pairs]
     columns = [MEASURES.index(name) for name in measures]
-    low, high = percentiles(np.mean(draws, axis=0)[:, columns].mean(axis=1))
+    low, high = _ends(np.mean(draws, axis=0)[:, columns].mean(axis=1))
     return {
         **dict(zip(KEYS, names, strict=True)),
         "measure": ", ".join(measures),

@@ -144,7 +144,9 @@ class Pictures:
         for number in numbers:
             first, last = np.searchsorted(frame, [number, number + 1])
             picture = empty.copy()
-            self._draw(picture, outlines[first:last])
+            # Where two overlap, the later one is on top.
+            for outline in outlines[first:last].tolist():
+                _cover(picture, tuple(outline), self.soft_px, self.particle_gray)
             generator = np.random.default_rng([self.seed, 1, int(number)])
             noise = generator.standard_normal(empty.shape, dtype=np.float32)
             yield _rounded(picture, noise, np.float32(self.noise_gray))
@@ -190,86 +192,62 @@ class Pictures:
             away = right * (row - start[0]) - down * (col - start[1])
             np.minimum(inside, away / np.hypot(down, right), out=inside)
         share = (0.5 + inside / self.soft_px).clip(0.0, 1.0)
-        picture = np.full(shape, self.floor_gray, dtype=np.float32)
-        picture += share * (self.belt_gray - picture.astype(np.float64))
+        picture = self.floor_gray + share * (self.belt_gray - self.floor_gray)
         texture = np.random.default_rng([self.seed, 0]).standard_normal(shape)
-        return (picture + 2.0 * texture).astype(np.float32)
-
-    def _draw(self, picture: Single, outlines: Array) -> None:
-        """Draw rectangles with round corners into a picture (rows, cols), in place.
-
-        ``outlines`` (n, 8) are from `_outlines`; where two overlap the later one is on
-        top. Each is the mean of its places during the exposure, at most a pixel apart.
-        """
-        for row, col, angle, length, width, corner, down, ahead in outlines.tolist():
-            straight = length - corner
-            side = width - corner
-            reach = math.hypot(straight, side) + corner + self.soft_px + 1.0
-            rows = _span(row, reach + abs(down) / 2)
-            cols = _span(col, reach + abs(ahead) / 2)
-            turn = np.float32(math.cos(angle)), np.float32(math.sin(angle))
-            _cover(
-                picture[rows, cols],
-                (rows.start, cols.start),
-                (row, col, down, ahead),
-                turn,
-                np.array([straight, side, corner, self.soft_px], np.float32),
-                max(1, math.ceil(math.hypot(down, ahead))),
-                self.particle_gray,
-            )
-
-
-def _span(middle: float, reach: float) -> slice:
-    """Return the pixels of a picture that lie within ``reach`` of a place, in px."""
-    return slice(max(0, int(middle - reach)), max(0, int(middle + reach) + 2))
+        return (picture.astype(np.float32) + 2.0 * texture).astype(np.float32)
 
 
 @njit(cache=True)
 def _cover(
-    part: Single,
-    first: tuple[int, int],
-    place: tuple[float, float, float, float],
-    turn: tuple[np.float32, np.float32],
-    sizes: Single,
-    count: int,
-    gray: float,
+    picture: Single, outline: tuple[float, ...], soft_px: float, gray: float
 ) -> None:
-    """Mix the grey value of one particle into a window of a picture, in place.
+    """Draw a rectangle with round corners into a picture (rows, cols), in place.
 
-    The window ``part`` (rows, cols) begins at pixel ``first``, row and col. ``place``
-    is row, col and the way during the exposure, down and right, in px; the particle is
-    drawn at ``count`` places on it. ``turn`` is cosine and sine of its direction.
-    ``sizes`` (4,) are half length and half width without the corner radius, that
-    radius, and the width of an edge, in px. Shares are of single precision.
+    ``outline`` is a row of `Pictures._outlines`, ``soft_px`` the width of its edge. It
+    is the mean of its places during the exposure, at most a pixel apart. Shares are of
+    single precision.
     """
-    row, col, down, ahead = place
-    c, s = turn
-    length = sizes[0]
-    width = sizes[1]
-    corner = sizes[2]
-    soft = sizes[3]
+    row, col, angle, half_length, half_width, radius, down, ahead = outline
+    count = max(1, math.ceil(math.hypot(down, ahead)))
+    reach = math.hypot(half_length - radius, half_width - radius) + radius
+    high = reach + soft_px + 1.0 + abs(down) / 2
+    wide = reach + soft_px + 1.0 + abs(ahead) / 2
+    c = np.float32(math.cos(angle))
+    s = np.float32(math.sin(angle))
+    length = np.float32(half_length - radius)
+    width = np.float32(half_width - radius)
+    corner = np.float32(radius)
+    soft = np.float32(soft_px)
     zero = np.float32(0.0)
     half = np.float32(0.5)
     one = np.float32(1.0)
-    for i in range(part.shape[0]):
-        for j in range(part.shape[1]):
+    for i in range(max(0, int(row - high)), min(len(picture), int(row + high) + 2)):
+        for j in range(
+            max(0, int(col - wide)), min(picture.shape[1], int(col + wide) + 2)
+        ):
             share = zero
             for k in range(count):
                 moved = (k + 0.5) / count - 0.5
-                below = np.float32(first[0] + i - row - down * moved)
-                right = np.float32(first[1] + j - col - ahead * moved)
+                below = np.float32(i - row - down * moved)
+                right = np.float32(j - col - ahead * moved)
                 u = abs(right * c + below * s) - length
                 v = abs(below * c - right * s) - width
-                distance = min(max(u, v), zero) - corner
-                if u > zero and v > zero:  # the nearest point is a corner's
-                    far = math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2)
-                    distance = np.float32(far) - corner
-                elif u > zero or v > zero:
-                    distance = max(u, v) - corner
+                distance = _distance(u, v) - corner
                 share += min(max(half - distance / soft, zero), one)
-            mixed = np.float64(min(share / np.float32(count), one))
-            value = np.float64(part[i, j])
-            part[i, j] = np.float32(value + mixed * (gray - value))
+            mixed = min(share / np.float32(count), one)
+            value = picture[i, j]
+            picture[i, j] = np.float32(value + mixed * (gray - value))
+
+
+@njit(cache=True)
+def _distance(u: np.float32, v: np.float32) -> np.float32:
+    """Return the distance in px from a rectangle, given those from its sides' lines.
+
+    Inside both are below 0, as is the result.
+    """
+    if u > 0 and v > 0:  # the nearest point is a corner
+        return np.float32(math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2))
+    return max(u, v)
 
 
 @njit(cache=True)
