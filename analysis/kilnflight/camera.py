@@ -199,8 +199,7 @@ def captured_depths(
 ) -> list[float]:
     """Return all captured depths of a true depth, both in mm, ascending.
 
-    The list is empty if there is none. Eq. 2.4 is not one to one: a true depth of 3 m
-    is reached from 2065 and 3118 mm.
+    There may be none or several: by Eq. 2.4 both 2065 and 3118 mm become 3 m.
     """
     found: list[float] = []
     for index, coefficients in enumerate(calibration.coefficients):

@@ -19,10 +19,10 @@ from kilnflight.checks import InputError, check_finite
 SEEN = "seen"
 NONE = "none"
 TOO_FEW = "too few points"
-SIGNIFICANCE = 0.01  # of a track without a step; not printed
-LEAST_POINTS = 3  # on each side: the median of three ignores one flash
+SIGNIFICANCE = 0.01  # share of tracks without a step that pass; not printed
+LEAST_POINTS = 3  # points on each side: the median of three ignores one flash
 RISE = 2.0  # standard deviations of the scatter; not printed
-SHARE = 0.1  # of the level before the step; not printed
+SHARE = 0.1  # least step over the level before it; not printed
 
 
 class IgnitionResult(NamedTuple):

@@ -56,14 +56,14 @@ _FIELDS_BY_AXIS = {
     "r2_adjusted_{}": "r2_adjusted",
 }
 ROUNDING_MM = 1e-6  # an RMSE below it is rounding
-# of three points: "a few randomly selected points", section 4.3; the number is ours
+# Sets of three points: "a few randomly selected points", section 4.3; number is ours.
 TRIPLES = 20
-# from the exit to the first detection; ours: the longest flights (Fig. 5.19)
+# Seconds from the exit to the first detection; ours: the longest flights (Fig. 5.19).
 LONGEST_S = 1.0
 GRID = 65  # values of t0 on the grid that is searched downhill
-# of the duration after the first detection; steps grow with the distance from it
+# Share of the duration after the first detection; steps grow with the distance from it.
 DENSE = 0.1
-SHORTEST = 1e-6  # of the duration, from t0 to the first detection
+SHORTEST = 1e-6  # least time from t0 to the first detection, as share of the duration
 
 
 @dataclass(frozen=True)

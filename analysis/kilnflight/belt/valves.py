@@ -44,12 +44,12 @@ def _mean(flags: Flags) -> float:
 class ValveBar:
     """Evenly spaced valves across the belt, and when each of them opens.
 
-    For each prediction the valve nearest to the predicted place opens for ``open_s``,
-    the middle of which is ``delay_s`` after the predicted time. Windows of a valve that
-    overlap, or lie nearer than ``dead_s``, are merged. A particle is hit if its centre
-    passes an open valve, also one that was opened for another; its size and the air's
-    way are neglected. The belt's walls keep particles on it, so a place predicted
-    beyond them is taken to be at the wall.
+    For each prediction the nearest valve opens for ``open_s``. The middle of that time
+    is ``delay_s`` after the predicted time. Openings of one valve that overlap, or lie
+    nearer than ``dead_s``, become one. A particle is hit if its centre passes an open
+    valve, also one that was opened for another; its size and the air's way are
+    neglected. The belt's walls keep particles on it, so a place predicted beyond them
+    is taken to be at the wall.
 
     Parameters
     ----------

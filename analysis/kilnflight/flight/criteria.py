@@ -20,13 +20,13 @@ WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not 
 CONE = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
 DEPTH_SCATTER_MM = 438.0  # two RMSE in depth (Table 5.18)
 ACROSS_SCATTER_MM = 38.0  # two RMSE across (Table 5.18)
-BEYOND_S = 0.05  # of flight after the last detection; not printed
-BEYOND_MM = 300.0  # of flight after the last detection; not printed
-LAST_S = 0.02  # of detections whose mean velocity leads on; not printed
-FACTOR = 2.0  # on the air's velocity; ours, from Table 5.18
+BEYOND_S = 0.05  # flight after the last detection; not printed
+BEYOND_MM = 300.0  # way after the last detection; not printed
+LAST_S = 0.02  # last detections, whose mean velocity leads on; not printed
+FACTOR = 2.0  # times the air's velocity; ours, from Table 5.18
 BEHIND_MM = 219.0  # farther from the camera than the exit; RMSE of Table 5.18
-# Beyond the limit of what is in the air; ours: wall particles at 700 and more of 800,
-# sec. 5.1.4
+# A flight may leave what is in the air by so much; ours: particles on the wall are at
+# 700 mm and more of 800 (sec. 5.1.4).
 OUTSIDE_MM = 100.0
 LEAVES = "leaves the kiln"
 BEHIND = "turns back behind the lance"

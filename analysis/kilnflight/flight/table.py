@@ -31,7 +31,7 @@ LANDED = "landed"
 BURNT_OUT = "burnt out"
 LEFT = "left the view"
 LOST = "lost"
-# from the border of the view, and to a track that goes on: the gate of sec. 3.3
+# Distance from the border of the view, or to a track that goes on: gate of sec. 3.3.
 EDGE_PX = 45.0
 
 

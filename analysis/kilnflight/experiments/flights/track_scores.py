@@ -41,11 +41,11 @@ SINGULARS = {
 # px at the lance. Time: two pieces of one trajectory are at most 15 frames apart
 # (t_epsilon,CONNECT, Table 5.16).
 WITHIN_PX = 200.0
-WITHIN_MM = 1000.0  # of the exit, in the picture and in depth
+WITHIN_MM = 1000.0  # depth from the exit
 FIRST = 3  # positions, whose median is robust against one that is wrong
-LEAST_FRAMES = 15  # of a true trajectory, from first to last
+LEAST_FRAMES = 15  # frames of a true trajectory, from first to last
 
-Key = tuple[str, ...]  # of `KEYS`
+Key = tuple[str, ...]  # values of `KEYS`
 
 
 class Lance(NamedTuple):
