@@ -15,7 +15,7 @@ def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:
     for k in range(len(blobs.row)):
         y = row - blobs.row[k]
         x = column - blobs.column[k]
-        inverse = np.linalg.inv(blobs.spread_px2[k])
+        inverse = np.linalg.inv(blobs.ellipse_px2[k])
         square = (
             inverse[0, 0] * y * y + 2 * inverse[0, 1] * x * y + inverse[1, 1] * x * x
         )

@@ -103,6 +103,7 @@ PUBLIC = {
     # fit, and measure flights
     "regress": "regression",
     "Regression": "regression",
+    "Fit": "regression",
     "flights": "flight",
     "kept": "flight",
     "space_sliced_velocity": "flight",
@@ -111,6 +112,7 @@ PUBLIC = {
     "score_detections": "scores",
     "rates": "scores",
     "score_tracks": "scores",
+    "TrackScore": "scores.tracks",
     "square_displacements": "film.spreading",
     "diffusion": "film.spreading",
     # sort

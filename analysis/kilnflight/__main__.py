@@ -13,7 +13,7 @@ from kilnflight import __version__
 # The modules of a command are imported when it runs: they take time to load.
 
 Function = Callable[[argparse.Namespace], None]
-FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # of tracks
+FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # files of tracks
 # Arguments by name, as `argparse.ArgumentParser.add_argument` takes them.
 ARGUMENTS: dict[str, Any] = {
     "recording": {

@@ -58,7 +58,7 @@ class Pairs(NamedTuple):
 
 # An associator returns weights (p,): probabilities, or flags for 0 and 1.
 Associator = Callable[[Pairs], Array | Flags]
-MOST_ENTRIES = 2**20  # of the tables of one group of tracks; 0.1 s a frame
+MOST_ENTRIES = 2**20  # entries in the tables of one group; they take 0.1 s a frame
 LARGE = 2**12  # table entries above which it pays to look for a better order
 _Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its vertices
 
@@ -389,12 +389,14 @@ def _marginals(
     """
     n = len(log_missed)
     weights = _scaled(i, j, log_pairs, log_missed)
-    pairs, shared, graph, orders = _thinned(i, j, weights, most)
+    thinned = _thinned(i, j, weights, most)
+    pairs = thinned.pairs
+    shared = thinned.shared
     alone = weights.missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
     single = np.append(alone, weights.unused)
     chances = dict[tuple[int, int], float]()
-    for order in orders:
-        chances |= _sum_events(order, graph, single)
+    for order in thinned.orders:
+        chances |= _sum_events(order, thinned.graph, single)
     without = np.array([chances.get((v, v), 1.0) for v in range(n)])
     scale = without / np.maximum(alone, 2.3e-308)
     pairs = pairs * scale[i]
@@ -442,18 +444,21 @@ def _scaled(i: Index, j: Index, log_pairs: Array, log_missed: Array) -> _Scaled:
     )
 
 
-def _thinned(i: Index, j: Index, weights: _Scaled, most: int) -> Any:
+class _Thinned(NamedTuple):
+    """What is left of p pairs, as a graph of tracks and detections."""
+
+    pairs: Array  # (p,) weights; 0: left out
+    shared: Flags  # (p,) pairs that are edges of the graph
+    graph: _Graph
+    orders: list[list[int]]  # elimination order of each group
+
+
+def _thinned(i: Index, j: Index, weights: _Scaled, most: int) -> _Thinned:
     """Return the pairs (p,) without the weakest of large groups, and their graph.
 
     A group is a connected part of the graph. Weights are set to 0, a thirtieth of a
     group's pairs at a time, until no group needs more than ``most`` table entries.
     Pairs of the best event are removed last, so that an event remains possible.
-
-    Returns
-    -------
-    tuple
-        Weights of the pairs (p,), which are edges (p,), the graph, and the elimination
-        order of each group.
     """
     kept = weights.pairs.copy()
     while True:
@@ -476,7 +481,9 @@ def _thinned(i: Index, j: Index, weights: _Scaled, most: int) -> Any:
         warnings.warn(
             "joint probabilities: weak pairs in a crowd are left out", stacklevel=4
         )
-    return kept, shared, graph, [order for order, _ in orders]
+    return _Thinned(
+        pairs=kept, shared=shared, graph=graph, orders=[order for order, _ in orders]
+    )
 
 
 def _linked(first: Index, second: Index, weights: Array) -> _Graph:
@@ -541,8 +548,8 @@ class _Removal(NamedTuple):
 
     vertex: int
     halves: dict[int, Any]  # index of the axis before that of each neighbour
-    axis: int  # of the vertex
-    shape: tuple[int, ...]  # of the table with all vertices, new ones in one axis
+    axis: int  # axis that the vertex adds
+    shape: tuple[int, ...]  # shape of the table with all vertices, new ones in one axis
     free: Array  # weights of the events that leave the vertex to its neighbours
     taken: Array  # weights of the events in which it is matched already
 

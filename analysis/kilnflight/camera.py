@@ -127,7 +127,7 @@ EQUATION_2_4 = DepthCalibration(
     closed_left=(True, False),
 )
 
-_BY_NAME = {"none": None, "zhang-2023": EQUATION_2_4}  # in a recording
+_BY_NAME = {"none": None, "zhang-2023": EQUATION_2_4}  # a recording may name these
 
 # The plate stood at 1 m to 11 m; beyond them Eq. 2.4 extrapolates.
 PLATE_DISTANCES_MM = tuple(1000.0 * metre for metre in range(1, 12))

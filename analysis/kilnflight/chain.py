@@ -39,7 +39,7 @@ from kilnflight.tracking.filter import ConstantVelocity, Motion
 from kilnflight.tracking.tracker import Management, track
 from kilnflight.tracklets import Cutting, postprocess, tracked
 
-CHUNK_FRAMES = 500  # of one chunk; each reads the median's window, 150 frames, again
+CHUNK_FRAMES = 500  # each chunk reads the median's window, 150 frames, again
 # Tables after the detections.
 CHAIN_STEPS = ("tracks", "trajectories", "flights", "slices")
 TRACKED_BY = (
@@ -59,20 +59,21 @@ def views(
     frames: Iterable[int],
     background: BackgroundModel | None = None,
 ) -> Iterator[tuple[int, View]]:
-    """Yield the number and the view, without the flame, of each of ``frames``.
+    """Yield the position t, from 0, and the view of each of ``frames``.
 
-    The default background is the temporal median over 150 frames (section 5.1.2).
-    Depths are calibrated as the recording states. The first frame is compared with the
-    one after it, as no frame precedes it.
+    `View.number` is the camera's number. A view has no flame; its depths are calibrated
+    as the recording states. The default background is the temporal median over 150
+    frames (section 5.1.2). `View.previous` of the first frame is the one after it, as
+    no frame precedes it.
     """
     frames = list(frames)
     attributes = recording.attributes
     smooth = Smoother()
-    before = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
-    buffer = FrameBuffer(recording, [*frames, *before])
+    neighbours = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
+    buffer = FrameBuffer(recording, [*frames, *neighbours])
     foregrounds = (background or Median())(buffer, frames)
-    for t, beside, foreground in zip(frames, before, foregrounds, strict=True):
-        previous = buffer.take(beside).gray
+    for t, neighbour, foreground in zip(frames, neighbours, foregrounds, strict=True):
+        previous = buffer.take(neighbour).gray
         frame = buffer.take(t)
         view = View(
             gray=frame.gray,
@@ -90,7 +91,7 @@ def views(
 
 def _without_flame(view: View, flame: Flags) -> View:
     """Return a view without the pixels (rows, cols) of the flame."""
-    view.foreground[flame] = 0  # in place: each model returns a new array
+    view.foreground[flame] = 0  # each model returns a new array, so this may change it
     places = view.pixels[:, 0] * flame.shape[1] + view.pixels[:, 1]
     keep = ~flame.take(places)
     return view._replace(

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Array, Whole
 
-LARGEST_WHOLE = 2.0**53  # above it a float no longer holds every whole number
+LARGEST_WHOLE = 2.0**53  # larger floats skip whole numbers
 
 
 def printable(text: object) -> str:

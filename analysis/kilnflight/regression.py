@@ -74,6 +74,32 @@ class Fit:
     ...`` (Eq. 4.29 in powers of t - t0). A measure that is not defined along an axis is
     NaN.
 
+    Parameters
+    ----------
+    exit_point_mm
+        The lance's outlet.
+    t0
+        Time at the outlet, s.
+    t0_at_bound
+        -1: t0 is the earliest of its range, 1: the latest, 0: between.
+    t0_range_s
+        Earliest and latest t0.
+    orders
+        Order of the polynomial along each axis.
+    coefficients
+        c_1, c_2, ... along each axis, in mm/s, mm/s^2, ...
+    first_s, last_s
+        Time of the first and of the last detection.
+    points
+        Number of detections.
+    rmse_mm
+        Root mean square of the residuals along each axis (Eq. 4.30).
+    mape_percent
+        Mean absolute percentage error along each axis (Eq. 4.31).
+    r2, r2_adjusted
+        Coefficient of determination along each axis, and adjusted by the number of
+        coefficients (Eqs 4.32 and 4.33).
+
     Examples
     --------
     >>> fit = Fit((0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
@@ -82,19 +108,19 @@ class Fit:
     [[0.1, -0.049, 5600.0]]
     """
 
-    exit_point_mm: Three  # the lance's outlet
-    t0: float  # s, time at the outlet
-    t0_at_bound: int  # -1: t0 is the earliest of its range, 1: the latest, 0: between
-    t0_range_s: tuple[float, float]  # earliest and latest
+    exit_point_mm: Three
+    t0: float
+    t0_at_bound: int
+    t0_range_s: tuple[float, float]
     orders: Orders
-    coefficients: tuple[tuple[float, ...], ...]  # mm/s, mm/s^2, ... per axis
-    first_s: float  # first detection
-    last_s: float  # last detection
-    points: int  # number of detections
-    rmse_mm: Three = UNKNOWN  # Eq. 4.30
-    mape_percent: Three = UNKNOWN  # Eq. 4.31
-    r2: Three = UNKNOWN  # Eq. 4.32
-    r2_adjusted: Three = UNKNOWN  # Eq. 4.33
+    coefficients: tuple[tuple[float, ...], ...]
+    first_s: float
+    last_s: float
+    points: int
+    rmse_mm: Three = UNKNOWN
+    mape_percent: Three = UNKNOWN
+    r2: Three = UNKNOWN
+    r2_adjusted: Three = UNKNOWN
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Return positions (n, 3) in mm at times (n,) or one time, in s."""
@@ -212,9 +238,9 @@ class Regression:
 
         orders = self.choose(measure, highest)
         start, _ = solve(orders)
-        t0, earliest, latest = (
-            time[0] + np.array([start, *limits]) * duration
-        ).tolist()
+        t0, earliest, latest = [
+            float(time[0] + share * duration) for share in (start, *limits)
+        ]
         near = np.isclose(start, limits, rtol=0, atol=1e-9 * np.ptp(limits))
         rmse, mape, r2, r2_adjusted = map(tuple, measure(orders).T.tolist())
         return Fit(
@@ -363,7 +389,11 @@ def trajectory_solver(
 
     @cache
     def slope(start: float, orders: Orders) -> float:
-        """Return half the derivative of the total cost by t0, at the best fit."""
+        """Return half the derivative of the total cost by t0, in mm^2 per duration.
+
+        The best places are (t - t0) q. The cost is least in q, so q may be held fixed,
+        and a later t0 moves the places by -q. Every t0 is before the first detection.
+        """
         best = fitted(np.array([start]), orders)[:, 0]
         return (((moved - best) * best) @ (1.0 / (time - start))).sum()
 
@@ -391,14 +421,14 @@ def _best_places(
     most = max(orders)
     factors = (time - start[:, None])[:, :, None] * powers[:, :most]
     basis = np.linalg.qr(factors)[0]
-    shares = moved @ basis  # of each vector of the basis, (k, 3, highest order)
+    shares = moved @ basis  # (k, 3, highest order), share of each vector of the basis
     shares[:, np.arange(most) >= np.array(orders)[:, None]] = 0.0
     return np.swapaxes(shares @ np.swapaxes(basis, 1, 2), 0, 1)
 
 
 def _downhill(cost: Array, at: int) -> int:
     """Return the index of the local minimum of ``cost`` (n,) downhill of ``at``."""
-    cost = np.append(cost, np.inf)  # beyond both ends
+    cost = np.append(cost, np.inf)  # index -1 and index n lie beyond the ends
     while True:
         step = (0, -1, 1)[np.argmin(cost[[at, at - 1, at + 1]])]
         if step == 0:
@@ -529,7 +559,7 @@ def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
     table = TRAJECTORIES.check(trajectories, "trajectories")
     table = table[table["outcome"] == FITTED]
     # The measures alone may be NaN.
-    solved = table.iloc[:, 3 : -3 * len(AXIS_MEASURES)]
+    solved = table.loc[:, "first_s" : f"coefficient_z_{HIGHEST_ORDER}"]
     check_finite(solved, "trajectories of fitted particles")
     known_order = table[_names("order_{}")].isin(range(1, HIGHEST_ORDER + 1))
     if table["particle"].duplicated().any() or not known_order.to_numpy().all():

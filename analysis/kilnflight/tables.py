@@ -28,7 +28,7 @@ LIMITS: dict[str, dict[str, Any]] = {
     "z": {"above": 0},
     "points": {"least": 0},
 }
-HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
+HIGHEST_ORDER = 6  # order of a regressed trajectory, section 4.3
 
 
 class Table:
@@ -97,7 +97,7 @@ def _checked(values: pd.Series, kind: type, place: str, limit: dict[str, Any]) -
         found: Any = check_whole(values, place)
     else:
         found = check_finite(values, place, gaps=kind is GAPS)
-    least = np.fmin.reduce(found, initial=1)  # of those that are not NaN
+    least = np.fmin.reduce(found, initial=1)  # NaN is passed over
     check_number(least, place, **limit)
     return found
 
@@ -116,7 +116,7 @@ BELT_TRACKS = Table(
     y=float,  # mm, across the belt
 )
 
-MEASURED = Table("measured", frame=int, x=float, y=float)  # as in `BELT_TRACKS`
+MEASURED = Table("measured", frame=int, x=float, y=float)  # same axes as `BELT_TRACKS`
 
 BELT_LAST = Table(
     "last observation before the prediction phase",
@@ -213,7 +213,7 @@ TRAJECTORIES = Table(
     t0_latest_s=GAPS,
     t0_at_bound=int,  # -1: t0 is the earliest, 1: the latest, 0: between
     **_by_axis("exit_{}", GAPS),  # mm, the lance's outlet
-    **_by_axis("order_{}", int),  # of the polynomial, 0: none
+    **_by_axis("order_{}", int),  # order of the polynomial, 0: none
     **{
         f"coefficient_{axis}_{k}": GAPS  # mm/s^k, of (t - t0)^k
         for k in range(1, HIGHEST_ORDER + 1)
@@ -237,7 +237,7 @@ FLIGHTS = Table(
     from_lance=bool,  # whether it starts at the lance
     start_mm=float,  # distance of its first positions from the lance
     ignition=str,  # seen, none or too few points
-    ignition_s=GAPS,  # after t0_s; NaN unless ignition was seen
+    ignition_s=GAPS,  # counted from t0_s; NaN unless ignition was seen
     wall_mm=float,  # last distance from the kiln's axis
     refused=str,  # reason for rejection; empty if accepted
 )

@@ -168,16 +168,20 @@ def test_frames_that_are_not_there(small, target, frames):
 
 
 @pytest.mark.parametrize(
-    "fault", ["none", "other", "rows", "unknown", "array", "json", "there"]
+    "fault", ["none", "other", "rows", "size", "unknown", "array", "json", "there"]
 )
 def test_a_folder_without_a_whole_recording_is_refused(small, target, fault):
     if fault != "none":
         write_recording(small, target)
         group = zarr.open_group(target, mode="w" if fault == "other" else "r+")
         known = {"format": store.FORMAT, **asdict(small.attributes)}
-        known |= {"rows": "many"} if fault == "rows" else {"presure": 5}
-        if fault in ("rows", "unknown"):
-            group.attrs.put(known)
+        wrong = {
+            "rows": {"rows": "many"},
+            "size": {"rows": 7},
+            "unknown": {"presure": 5},
+        }
+        if fault in wrong:
+            group.attrs.put(known | wrong[fault])
     if fault == "array":
         (target / "index" / "zarr.json").unlink()
     elif fault == "json":

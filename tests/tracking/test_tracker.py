@@ -12,7 +12,7 @@ from kilnflight.tracking.filter import (
     Detected,
     Gate,
 )
-from kilnflight.tracking.tracker import Management, record, track
+from kilnflight.tracking.tracker import Management, choose_owners, track
 
 trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
 
@@ -185,7 +185,7 @@ def test_the_track_for_which_a_detection_is_recorded(weights, owner):
     pairs = Gate()(
         at[:n], np.stack([np.eye(2)] * n), Detected(at[:1].repeat(m, axis=0))
     )
-    assert record(pairs, np.array(weights)[:, 1:].ravel()).tolist() == owner
+    assert choose_owners(pairs, np.array(weights)[:, 1:].ravel()).tolist() == owner
 
 
 def test_places_may_be_named_x_and_y():

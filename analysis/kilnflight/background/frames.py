@@ -21,16 +21,15 @@ class Frames(Protocol):
 
 
 def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
-    """Return frame numbers as ints, in order, or raise an `InputError`.
+    """Return frame numbers as ints, as given, or raise an `InputError`.
 
-    Numbers are whole and from 0 to ``length`` - 1.
+    They are whole numbers, numpy's too, from 0 to ``length`` - 1.
     """
     try:
         numbers = tuple(operator.index(index) for index in indices)
     except TypeError as error:
         raise InputError(
-            f"indices: {indices!r} is no series of frame numbers ({error}). Pass "
-            "whole numbers."
+            f"indices: no series of frame numbers ({error}). Pass whole numbers."
         ) from error
     for index in numbers:
         if not 0 <= index < length:
@@ -83,7 +82,7 @@ class HeldFrames:
         self.kind: np.dtype[Any] = np.dtype(np.uint16)
         self._frames = frames
         self._capacity = capacity
-        self._images: dict[int, npt.NDArray[Any]] = {}  # by frame number
+        self._images: dict[int, npt.NDArray[Any]] = {}  # key: frame number
 
     @property
     def precise(self) -> np.dtype[Any]:

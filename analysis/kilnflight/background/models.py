@@ -224,7 +224,7 @@ def _mean(held: HeldFrames, t: int, window: int) -> _Image:
     """
     around = surrounding(t, window, held.length)
     held.fetch(around)
-    total = np.zeros(held.shape)  # of differences: a still recording equals its mean
+    total = np.zeros(held.shape)  # sums differences: a still film equals its mean
     for other in around:
         cv2.accumulate(np.subtract(held[other], held[t], dtype=held.precise), total)
     return (held[t] + total / max(len(around) - 1, 1)).astype(held.precise)

@@ -47,7 +47,7 @@ class _Network:
     """
 
     size: int  # frames per window
-    ranks: tuple[int, ...]  # of a window that are wanted, ascending from 0
+    ranks: tuple[int, ...]  # wanted ranks of a window, ascending from 0
     inputs: int  # frames of the chunk
     steps: list[_Comparison] = field(default_factory=list)
     # sorted values of consecutive frames

@@ -143,18 +143,21 @@ def _find_line(
     share = (np.arange(PROFILES) + 0.5) / PROFILES
     middle = start + share[:, None] * (stop - start)
     along = (stop - start) / np.linalg.norm(stop - start)
+    # Corners go round the belt clockwise, so the belt is to the right of the edge.
     inwards = np.array([along[1], -along[0]])
-    depth = _edge_depth(picture, middle, inwards, level)
-    u, fit = _fit_line(middle @ along, middle @ inwards + depth, side)
+    offset = _edge_offset(picture, middle, inwards, level)
+    mean_u, fit = _fit_line(middle @ along, middle @ inwards + offset, side)
     turned = along + fit.slope * inwards
     return _Line(
-        point=u * along + fit.intercept * inwards,
+        point=mean_u * along + fit.intercept * inwards,
         along=turned / np.linalg.norm(turned),
         variance=np.array([fit.intercept_stderr, fit.stderr]) ** 2,
     )
 
 
-def _edge_depth(picture: Picture, middle: Array, inwards: Array, level: float) -> Array:
+def _edge_offset(
+    picture: Picture, middle: Array, inwards: Array, level: float
+) -> Array:
     """Return where an edge is on n profiles across it, in px inwards (n,).
 
     ``middle`` (n, 2) are row and col of the profiles' middles, ``inwards`` (2,) is

@@ -28,6 +28,7 @@ from kilnflight.tables import BELT_LAST, VALVE_EVENTS
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
+PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
 MOST_S = 1.0  # longest prediction: 10 cm at 100 mm/s; choice
 _TRACKER = BeltTracker()
 
@@ -163,7 +164,7 @@ class Decision(NamedTuple):
 
     frame: int
     measured: Array  # (m, 6), columns of BELT_SPOTS after the first (frame)
-    tracks: Tracks  # after the frame; "row" is that of ``measured``, -1: missed
+    tracks: Tracks  # tracks after the frame; "row" is that of ``measured``, -1: missed
     # BELT_PREDICTED of the particles to be blown out, known from this frame on.
     predicted: pd.DataFrame
     due: pd.DataFrame  # VALVE_EVENTS to command until the next frame's decision
@@ -180,15 +181,15 @@ def sort_pictures(
 ) -> Iterator[Decision]:
     """Track particles picture by picture, and yield what the valves are to do.
 
-    Frame k is taken as known when frame k + 1 is due, so a decision may take a frame's
-    time. `Decision.due` ends with the next frame.
+    A decision may take the time of one frame: that of frame k is made when frame k + 1
+    comes, and `Decision.due` covers the time from then to frame k + 2.
 
     Parameters
     ----------
     pictures
-        Number by the camera and picture (rows, cols) uint8 of each frame. Numbers
-        ascend. Over a gap tracks are predicted and not taken for missed; a particle
-        that left in it is predicted from where it was last seen.
+        Frame number and picture (rows, cols) uint8, by ascending number. Frames that
+        are lost count neither as seen nor as missed; a particle that left in such a gap
+        is predicted from where it was last seen.
     measure
         Spots of a picture in mm.
     models
@@ -234,24 +235,26 @@ def sort_pictures(
         raise InputError(
             f"target_mm: {target_mm} lies in the area where particles are tracked."
         )
-    # `follow` pulls frames, the camera pushes them: one waits at a time.
+    # `follow` pulls frames, the camera pushes them. Each next(steps) takes the one that
+    # waits; None, which never waits, would end it.
     waiting = deque[Detected]()
     steps = tracker.follow(iter(waiting.popleft, None))
-    number = -1
+    previous = -1
     last: Tracks = np.zeros(0, [("particle", np.int64)])
     for frame, picture in pictures:
-        check_number(frame, "pictures: number of the frame", above=number, whole=True)
+        check_number(frame, "pictures: number of the frame", above=previous, whole=True)
         measured = measure(picture, frame)
         rows = np.arange(len(measured))
-        places = measured[:, 4:]
-        waiting.append(tracker.detections(frame, places, rows, frame - number))
-        number = frame
+        waiting.append(
+            tracker.detections(frame, measured[:, PLACE_MM], rows, frame - previous)
+        )
+        previous = frame
         tracks = next(steps).tracks
         last = _as_last_seen(tracks, last)
-        entering = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
+        left = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
         if chooses is not None:
-            entering = entering[chooses(entering["particle"])]
-        predicted = _predict(entering, models, target_mm, tracker.frame_s)
+            left = left[chooses(left["particle"])]
+        predicted = _predict(left, models, target_mm, tracker.frame_s)
         now_s = (frame + 1) * tracker.frame_s
         until_s = (frame + 2) * tracker.frame_s
         yield Decision(

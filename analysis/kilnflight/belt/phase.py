@@ -197,13 +197,13 @@ def _time_to(x_mm: float, last: pd.DataFrame) -> Array:
 
 
 def _moved(last: pd.DataFrame, wait: Array) -> pd.DataFrame:
-    """Return states BELT_LAST after times (n,) in s, at constant acceleration."""
+    """Return states BELT_LAST moved by ``wait`` (n,) s at constant acceleration."""
     moved = last.assign(time_s=last["time_s"] + wait)
     for axis in ("x", "y"):
         velocity = last[f"velocity_{axis}_mm_s"]
-        change = last[f"acceleration_{axis}_mm_s2"]
-        moved[axis] = last[axis] + wait * velocity + wait**2 * change / 2
-        moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
+        acceleration = last[f"acceleration_{axis}_mm_s2"]
+        moved[axis] = last[axis] + wait * velocity + wait**2 * acceleration / 2
+        moved[f"velocity_{axis}_mm_s"] = velocity + wait * acceleration
     return moved
 
 

@@ -277,32 +277,32 @@ class BeltTracker:
     def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
         """Yield the `Step` of each frame from the first measurement on.
 
-        Frames without measurements have one, too. A step holds the m measurements of
-        the frame, their p gated pairs with the n tracks, and weights (p,). It also
-        holds each measurement's track (m,), and the tracks after the frame.
+        Frames without measurements have one, too.
 
         Parameters
         ----------
         measured
-            Columns frame, x, y (mm); those outside the area are ignored.
+            Columns frame, x, y (mm). Those outside the area start no track, but count
+            for the first and last frame.
         frames
             Number of frames of the camera. Steps end with frame ``frames - 1`` or with
             the last measurement, whichever is later; so 0 means the last measurement.
         """
         table = MEASURED.check(measured, once=True)
-        number = table["frame"].to_numpy()
+        frame_of = table["frame"].to_numpy()
         places = table[["x", "y"]].to_numpy()
-        if not len(number):
+        if not len(frame_of):
             return
+        # Time stamps in place of frame numbers would take years of frames.
         check_number(
-            np.ptp(number), "measured: frames from first to last", most=10_000_000
+            np.ptp(frame_of), "measured: frames from first to last", most=10_000_000
         )
-        order = np.argsort(number, kind="stable")
-        every = np.arange(number.min(), max(number.max() + 1, frames))
-        parts = np.split(order, np.searchsorted(number[order], every[1:]))
+        order = np.argsort(frame_of, kind="stable")
+        numbers = np.arange(frame_of.min(), max(frame_of.max() + 1, frames))
+        rows_by_frame = np.split(order, np.searchsorted(frame_of[order], numbers[1:]))
         yield from self.follow(
             self.detections(frame, places[rows], rows)
-            for frame, rows in zip(every.tolist(), parts, strict=True)
+            for frame, rows in zip(numbers.tolist(), rows_by_frame, strict=True)
         )
 
     def follow(self, frames: Iterable[Detected]) -> Iterator[Step]:

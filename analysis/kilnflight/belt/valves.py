@@ -151,7 +151,7 @@ class ValveBar:
             True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
         hit = np.zeros(len(time_s), dtype=bool)
-        # Before all others stands an event that nothing meets.
+        # The first event is one that nothing meets.
         valve = np.append(-1, events[0])
         opens = np.append(0.0, events[1] + self.latency_s)
         closes = np.append(-np.inf, events[2] + self.latency_s)

@@ -26,6 +26,7 @@ their first point (`DBSCAN`: first core point, as scikit-learn does).
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy.typing as npt
 
@@ -42,5 +43,13 @@ from kilnflight.detection.quasi_centers import (
 from kilnflight.detection.sift import DoG as DoG
 from kilnflight.detection.sift import Polygon as Polygon
 
-Detector2D = Callable[..., Array]  # (foreground, within: Polygon | None = None)
 Clusterer = Callable[[npt.ArrayLike], Index]
+
+
+class Detector2D(Protocol):
+    """What finds particles in a picture."""
+
+    def __call__(
+        self, foreground: npt.ArrayLike, within: Polygon | None = None
+    ) -> Array:
+        """Return row, col and radius (n, 3) in px; within the polygon alone, if any."""

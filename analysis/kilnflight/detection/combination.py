@@ -156,7 +156,7 @@ def potential_particles(
     links = np.ones(len(spot)), (spot, spots + owner[area])
     graph = coo_array(links, shape=(spots + groups, spots + groups))
     _, part = connected_components(graph, directed=False)
-    order = np.argsort(part, kind="stable")  # of each part the keypoints come first
+    order = np.argsort(part, kind="stable")  # keypoints come first in each part
     sizes = np.bincount(part)
     later = np.bincount(part[spots:], minlength=part.max() + 1)
     last = np.cumsum(sizes)
@@ -179,7 +179,8 @@ def _touching(discs: Any, areas: Any, smallest: float) -> Any:
         row, col, radius = discs[i]
         for j in range(len(areas)):
             top, bottom, left, right = areas[j]
-            down = min(max(np.rint(row), top), bottom - 1) - row  # to the nearest pixel
+            # Distance from the keypoint to the nearest pixel of the area.
+            down = min(max(np.rint(row), top), bottom - 1) - row
             across = min(max(np.rint(col), left), right - 1) - col
             touching[i, j] = down**2 + across**2 <= max(radius, smallest) ** 2
     return touching
@@ -424,7 +425,7 @@ def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
     columns = dict(zip(_COLUMNS, values.T, strict=True))
     columns["frame"] = np.full(len(values), frame)
     columns["gray"] = mean_gray(gray, values[:, :3])
-    # To change the types of a table instead would take 3 ms of each frame.
+    # Changing the types of a table instead would take 3 ms of each frame.
     return pd.DataFrame(
         {name: columns[name].astype(kind) for name, kind in DETECTIONS.dtypes.items()}
     )
@@ -438,7 +439,8 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     """
     first = wall(xyz)
     labels = np.full(len(xyz), -1, dtype=np.intp)
-    sizes = np.append(np.bincount(first + 1)[1:], 0)  # of clusters; 0: none at all
+    # Points of each cluster; the last 0 stands for no cluster at all.
+    sizes = np.append(np.bincount(first + 1)[1:], 0)
     off_wall = first != sizes.argmax()
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels

@@ -21,8 +21,10 @@ from kilnflight.detection.disjoint import find_root
 NOISE = -1
 # Cells per axis whose numbers fit 63 bits and whose borders stay exact.
 _LARGEST = 2_000_000
-_BITS = 13  # of a key per pass of the radix sort
+_BITS = 13  # bits of a key that one pass of the radix sort takes
 _REACH = 2  # cells between points that are within eps
+_ROWS = 25  # rows of cells within `_REACH`, 5 x 5
+_ADJACENT_ROWS = 9  # the first of them: a cell's own row and those that touch it
 
 
 @dataclass(frozen=True)
@@ -280,9 +282,9 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
     x = cells.points[:, 0].copy()
     y = cells.points[:, 1].copy()
     z = cells.points[:, 2].copy()
-    first = np.zeros(25, np.int64)
-    begin = np.zeros(25, np.int64)
-    end = np.zeros(25, np.int64)
+    first = np.zeros(_ROWS, np.int64)
+    begin = np.zeros(_ROWS, np.int64)
+    end = np.zeros(_ROWS, np.int64)
     core = np.ones(len(x), np.bool_)
     for cell in range(len(keys)):
         if starts[cell + 1] - starts[cell] >= min_points:
@@ -293,7 +295,7 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
             point_x = x[a]
             point_y = y[a]
             point_z = z[a]
-            for r in range(25):
+            for r in range(_ROWS):
                 if r == known:
                     first[r] = _advance(keys, first[r], keys[cell] + steps[r] - _REACH)
                     begin[r] = starts[first[r]]
@@ -376,8 +378,8 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
     steps = cells.steps
     parents = np.arange(len(keys))
     lowest, highest = _boxes(cells)
-    for reach, rows in ((1, 9), (_REACH, 25)):
-        first = np.zeros(25, np.int64)
+    for reach, rows in ((1, _ADJACENT_ROWS), (_REACH, _ROWS)):
+        first = np.zeros(_ROWS, np.int64)
         for cell in range(len(keys)):
             for r in range(rows):
                 if steps[r] < 0:
@@ -412,15 +414,14 @@ def _add_borders(
     clusters. ``limit`` is eps^2 in mm^2. The lowest of several clusters is taken.
     """
     keys = inner.keys
-    starts = inner.starts
     steps = inner.steps
-    first = np.zeros(25, np.int64)
+    first = np.zeros(_ROWS, np.int64)
     for cell in range(len(cells.keys)):
         for a in range(cells.starts[cell], cells.starts[cell + 1]):
             if labels[cells.order[a]] != NOISE:
                 continue
             best = NOISE
-            for r in range(25):
+            for r in range(_ROWS):
                 first[r] = _advance(
                     keys, first[r], cells.keys[cell] + steps[r] - _REACH
                 )
@@ -428,11 +429,20 @@ def _add_borders(
                     keys, first[r], cells.keys[cell] + steps[r] + _REACH + 1
                 )
                 for other in range(first[r], last):
-                    if best == NOISE or numbers[other] < best:
-                        for b in range(starts[other], starts[other + 1]):
-                            if _near(
-                                cells.points, a, inner.points, inner.points, b, limit
-                            ):
-                                best = numbers[other]
-                                break
+                    lower = best == NOISE or numbers[other] < best
+                    if lower and _reaches(cells, a, inner, other, limit):
+                        best = numbers[other]
             labels[cells.order[a]] = best
+
+
+@njit(cache=True)
+def _reaches(cells: _Cells, a: int, inner: _Cells, other: int, limit: float) -> bool:
+    """Return whether point ``a`` is within eps of a point of the cell ``other``.
+
+    ``a`` is an index in ``cells.points``, ``other`` one in ``inner.keys``, and
+    ``limit`` is eps^2 in mm^2.
+    """
+    for b in range(inner.starts[other], inner.starts[other + 1]):
+        if _near(cells.points, a, inner.points, inner.points, b, limit):
+            return True
+    return False

@@ -81,8 +81,8 @@ class MorphologicalClustering:
         stretched = self.grid * (
             shifted / np.where(extent > 0, extent, 1.0)
         )  # Eq. 2.32
-        # As many cells stay empty after each row and layer, so that no step leads into
-        # the next.
+        # The same number of cells stays empty after each row and layer, so that no step
+        # leads into the next.
         side = int(self.grid) + 1 + _TOUCH
         keys = np.floor(stretched + 0.5).astype(np.int64) @ np.array([side**2, side, 1])
         occupied, cell = np.unique(keys, return_inverse=True)
@@ -99,7 +99,8 @@ def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
     between them is wider than `_TOUCH`.
     """
     around = np.arange(-_TOUCH, _TOUCH + 1)
-    steps = np.add.outer(around * side, around).ravel() * side  # to the rows in reach
+    # Steps to the rows in reach.
+    steps = np.add.outer(around * side, around).ravel() * side
     cells = np.arange(len(keys))
     pairs = []
     for step in steps[steps >= 0]:

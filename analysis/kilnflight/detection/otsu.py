@@ -143,7 +143,7 @@ class Otsu:
 
     least: float = 0.0
 
-    def __call__(self, foreground: npt.ArrayLike, _within: object = None) -> Array:
+    def __call__(self, foreground: npt.ArrayLike, within: object = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
 
         Parameters
@@ -151,8 +151,8 @@ class Otsu:
         foreground
             (rows, cols) grey values: integers that span up to 16 bits, or floats, which
             are rounded.
-        _within
-            Accepted as by `DoG` and ignored: the threshold depends on every pixel.
+        within
+            Not used, as the threshold depends on every pixel; `DoG` uses it.
 
         Returns
         -------

@@ -83,7 +83,7 @@ def _area_peaks(area: Single, prominence: float) -> Array:
     if value.max() - min(value.min(), border) < prominence:
         return nothing
     order = np.argsort(-value, kind="mergesort")
-    parent = np.full(area.size, -1)  # of the hills, as disjoint sets; -1: not yet added
+    parent = np.full(area.size, -1)  # the hills are disjoint sets; -1: not yet added
     summit = np.arange(area.size)
     height_above = np.zeros(area.size)
     for pixel in order:
@@ -134,7 +134,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
     if most - min(least, border) < prominence:
         return False
     height, width = area.shape
-    top, left = divmod(area.argmax(), width)  # of equal ones the first
+    top, left = divmod(area.argmax(), width)  # the first of equal ones
     if most - border >= prominence and 0 < top < height - 1 and 0 < left < width - 1:
         return True
     visited = np.zeros(area.shape, np.int64)

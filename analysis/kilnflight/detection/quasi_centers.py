@@ -92,11 +92,11 @@ class QuasiClusterCenters:
         """Return the cluster (n,) of each point of a cloud (n, 3) in mm; noise is -1.
 
         ``nearest`` (n, at least k) is from `nearest_neighbors`; its first ``k`` columns
-        count. So several settings share one search.
+        count, so several settings share one search of neighbours.
         """
         count = len(cloud)
         k = int(self.k)
-        if count <= k:
+        if count <= k:  # no point has a k-th neighbour
             return np.full(count, NOISE, dtype=np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
         sparsity = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
@@ -108,14 +108,17 @@ class QuasiClusterCenters:
             centers=centers,
             groups=groups,
         )
-        clusters = np.arange(count)  # the centre whose cluster holds a centre's own
+        # Disjoint sets: the centre whose cluster each centre's own was merged into.
+        clusters = np.arange(count)
         heads, chains = _spread(graph, clusters, float(self.alpha))
+        # Until no two clusters share too many points.
         while _merge(heads[graph.groups], chains, clusters, k, float(self.alpha)):
             pass
         labels = _choose(graph, heads, chains, clusters)
-        labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
+        sizes = np.bincount(labels, minlength=count)
+        labels[sizes[labels] < k] = NOISE
         kept = labels != NOISE
-        labels[kept] = pd.factorize(labels[kept])[0]
+        labels[kept] = pd.factorize(labels[kept])[0]  # in the order of first points
         return np.asarray(labels)
 
 
@@ -280,7 +283,7 @@ def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bo
     members = np.empty(len(entries), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     merged = False
-    for entry in entries:  # of each point
+    for entry in entries:  # one for each point
         count = _gather(entry, chains, clusters, members)
         merged |= _share(members[:count], clusters, shared, k, alpha)
     return merged
@@ -293,7 +296,7 @@ def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
     A point in several clusters takes that of its exemplar, its densest neighbour (Eq.
     2.40). The other arguments are those of `_spread` and `_merge`.
     """
-    rank = np.argsort(graph.dense_first)  # of equally dense points the first leads
+    rank = np.argsort(graph.dense_first)  # the first of equally dense points leads
     labels = np.full(len(rank), NOISE)
     members = np.empty(np.count_nonzero(graph.centers), np.int64)
     for i in graph.dense_first:

@@ -450,7 +450,7 @@ def _derivatives(cube: Any) -> Any:
     gradient = np.empty(3)
     hessian = np.empty((3, 3))
     values = cube.ravel()
-    steps = (9, 3, 1)  # from a sample to the next along each axis
+    steps = (9, 3, 1)  # distance to the next sample along each axis
     for i in range(3):
         a = steps[i]
         gradient[i] = (values[13 + a] - values[13 - a]) / 2

@@ -20,11 +20,11 @@ from kilnflight.checks import InputError, check_finite, check_number
 
 # The thesis limits the distance of inliers and gives the z-axis (section 3.2), without
 # numbers.
-MAX_DISTANCE_MM = 50.0  # of an inlier from the wall
-MAX_ANGLE_DEG = 5.0  # between axis and z; Table 5.12 has 1.7
-TRIALS = 1000  # at most
+MAX_DISTANCE_MM = 50.0  # largest distance of an inlier
+MAX_ANGLE_DEG = 5.0  # largest angle of axis and z; Table 5.12 has 1.7
+TRIALS = 1000  # most trials
 CONFIDENCE = 0.99  # that a good trial was among them
-MIN_SHARE = 0.5  # of the points that must be inliers: the wall is the majority
+MIN_SHARE = 0.5  # least share of inliers: the wall is the majority
 FEWEST_POINTS = 10  # twice the five unknowns of a cylinder
 _Z = np.array([0.0, 0.0, 1.0])
 _ACROSS = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

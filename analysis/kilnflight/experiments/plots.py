@@ -381,13 +381,14 @@ def upright(places_mm: npt.ArrayLike) -> Array:
 def label_camera_space(axes: Any) -> None:
     """Label 3D axes with `upright` places, and invert the second: call it once."""
     axes.invert_yaxis()  # otherwise left and right are swapped
-    label_space(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
+    label_3d(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
 
 
-def label_space(
-    axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int
-) -> None:
-    """Label three axes; ``pads`` and ``ticks`` shift labels and ticks (points)."""
+def label_3d(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int) -> None:
+    """Label x, y, z of a 3D plot, with about 4 ticks each.
+
+    ``pads`` and ``ticks`` shift labels and ticks away from the plot, in points.
+    """
     axes.set_xlabel(labels[0], labelpad=pads[0])
     axes.set_ylabel(labels[1], labelpad=pads[1])
     axes.set_zlabel(labels[2], labelpad=pads[2])

@@ -21,7 +21,7 @@ from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
 
 PREVIEW_FRAMES = 3
 PREVIEW_STEPS = (0.5, 1.0, 2.0)  # multiples of the threshold
-BARS = {"color": "0.7", "edgecolor": "black"}  # of histograms
+BARS = {"color": "0.7", "edgecolor": "black"}  # histograms
 
 
 def png(figure: Figure) -> bytes:

@@ -101,7 +101,8 @@ def track_detections(
     Raises
     ------
     InputError
-        As `kilnflight.tracking.track`.
+        If a column is missing or there twice, a frame is below 0 or no whole number, or
+        a position is not finite.
 
     Examples
     --------
@@ -257,7 +258,8 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
     for name in ("detections", *CHAIN_STEPS):
         if name in ALWAYS or len(tables[name]):
             contents[f"{name}.parquet"] = tables[name].to_parquet(index=False)
-    for name in ("tracks", "summary"):  # without empty columns, such as mm of a film
+    # Empty columns, such as millimetres of a film, are left out.
+    for name in ("tracks", "summary"):
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
         contents[f"{name}.csv"] = csv_of(known).encode()
     for name, figure in pictures(recording, tables, frames):

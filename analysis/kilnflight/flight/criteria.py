@@ -13,7 +13,7 @@ from kilnflight.checks import InputError, check_number
 from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
 from kilnflight.regression import Fit
 
-STEP_S = 0.001  # between the times at which a trajectory is sampled
+STEP_S = 0.001  # a trajectory is sampled in these steps
 TOUCH_MM = 1e-6  # tolerance of the limit: times of hours round positions by less
 FIRST_POINTS = 3  # positions with depth whose median decides the start; not printed
 WITHIN_MM = 1000.0  # depth travelled from the lance: one slice of Eq. 5.8; not printed
@@ -102,7 +102,7 @@ def _last_velocity(fit: Fit) -> Array:
 class FlightEnd(NamedTuple):
     """End of a flight."""
 
-    landed: bool  # on the wall, not in the air
+    landed: bool  # True: it ended on the wall, False: in the air
     end_s: float  # s, on the recording's clock
     wall_mm: float  # distance of the fit from the kiln's axis at the last detection
 

@@ -18,7 +18,7 @@ MOST = 10_000  # slices of one flight
 def space_sliced_velocity(
     fit: Fit, slice_m: float = 1.0, until_s: float = math.inf
 ) -> pd.DataFrame:
-    """Return the mean velocity in depth over each slice, in m/s (Eq. 5.8).
+    """Return slices of a flight and the mean velocity in depth over each (Eq. 5.8).
 
     ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n
     slices from the lance towards the camera, t_0 when it leaves the lance.
@@ -30,15 +30,15 @@ def space_sliced_velocity(
     slice_m
         Length of a slice: 1 m, section 5.3.1.
     until_s
-        End of the flight, if it comes before the last detection.
+        End of the flight in s of the recording, if before the last detection.
 
     Returns
     -------
     DataFrame
         One row for every slice between lance and camera, and for each slice behind the
-        lance that was reached. ``slice_m``: far end of the slice; ``start_s``,
-        ``end_s``: t_(n-1), t_n; ``velocity_m_s``, NaN where ``reached`` is False;
-        ``observed``: reached after the first detection.
+        lance that was reached, by ascending ``slice_m``, the far end of the slice;
+        ``start_s``, ``end_s``: t_(n-1), t_n in s of the recording; ``velocity_m_s``,
+        NaN where ``reached`` is False; ``observed``: reached after the first detection.
 
     Raises
     ------
@@ -54,8 +54,8 @@ def space_sliced_velocity(
     velocities, "reverse motions towards the lance": small ones "probably" of a vortex,
     "relatively large" ones perhaps of camera and tracking (section 5.3.1). It does not
     say how Eq. 5.8 gives them. Here they belong to slices -1, -2, ... behind the lance,
-    V_n = -slice / (t_n - t_(n+1)). Flights that are not rejected
-    (`kilnflight.flight.Plausible`) have none. (3) The motion between t_0 and the first
+    V_n = -slice / (t_n - t_(n+1)). Plausible flights have no slice behind the
+    lance (`kilnflight.flight.Plausible`). (3) The motion between t_0 and the first
     detection counts, as in the thesis; ``observed`` marks it. (4) The distance is the
     difference of depths, not the path.
 
@@ -70,18 +70,20 @@ def space_sliced_velocity(
     2      3.0           NaN     False
     """
     check_number(slice_m, "space_sliced_velocity: slice_m", least=1e-6)
-    end = min(until_s, fit.last_s) - fit.t0
-    if not end > 0:
+    last_age = min(until_s, fit.last_s) - fit.t0
+    if not last_age > 0:
         raise InputError(
-            f"space_sliced_velocity: until_s or fit ends {end} s after t0."
+            f"space_sliced_velocity: until_s or fit ends {last_age} s after t0, not "
+            "above 0."
         )
+    # 8000 mm are 8 slices also where the quotient is rounded to 7.999...
     count = int(max(fit.exit_point_mm[2], 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
     if count > MOST:
         raise InputError(
             f"space_sliced_velocity: slice_m {slice_m} gives {count} slices."
         )
-    front = _reached(fit, end, 1000.0 * slice_m)[:count]
-    behind = _reached(fit, end, -1000.0 * slice_m)
+    front = _reached(fit, last_age, 1000.0 * slice_m)[:count]
+    behind = _reached(fit, last_age, -1000.0 * slice_m)
     parts = [
         _sliced(fit, behind, -slice_m, len(behind))[::-1],
         _sliced(fit, front, slice_m, count),
@@ -179,7 +181,7 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
     furthest = np.maximum.accumulate(far(age))
     reached = []
     for level in range(1, min(int(furthest[-1]), MOST) + 1):
-        # At least 1: the first age is 0, at the lance.
+        # The first age is 0, at the lance, so the index is at least 1.
         k = np.searchsorted(furthest, level)
         rise = (age[k - 1], age[k])
         reached.append(brentq(lambda t, level=level: far(t) - level, *rise, xtol=1e-12))

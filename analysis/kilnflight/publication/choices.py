@@ -94,10 +94,10 @@ def compare(
 def _short(choice_id: str, value: object) -> str:
     """Return a result as text, or raise an `InputError` if it is too long."""
     text = claims.as_text(value)
-    if len(text) > claims.MEASURED:
+    if len(text) > claims.MOST_MEASURED:
         raise InputError(
             f"choice {choice_id}: {text!r} has {len(text)} characters of "
-            f"{claims.MEASURED}."
+            f"{claims.MOST_MEASURED}."
         )
     return text
 

@@ -22,8 +22,8 @@ VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
 # nothing decides a choice, the simulation has another input, the recordings are other
 # ones, or the work has a misprint.
 CAUSES = ("work", "implementation", "choice", "twin", "data", "misprint")
-MEASURED = 60  # most characters
-REASON = 160
+MOST_MEASURED = 60  # characters
+MOST_REASON = 160
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Verdict:
     verdict
         One of `VERDICTS`.
     because
-        One of `CAUSES` if it is not reproduced; ``"choice"`` if that leaves it open;
-        else empty.
+        One of `CAUSES` if it is not reproduced; ``"choice"`` if a choice leaves it open
+        (`kilnflight.publication.choices.opened`); else empty.
     measured
-        Our result, at most `MEASURED` characters.
+        Our result, at most `MOST_MEASURED` characters.
     published
         Sentence of the claim.
     reason
-        One sentence, at most `REASON` characters.
+        One sentence, at most `MOST_REASON` characters.
     """
 
     id: str
@@ -105,7 +105,8 @@ def check(
     Raises
     ------
     InputError
-        If the id is unknown, ``holds`` is no bool or None, or the reason is too long.
+        If the id is unknown, ``holds`` is neither bool nor None, or the reason is too
+        long.
     """
     claims = load()
     if claim_id not in claims.index:
@@ -116,9 +117,10 @@ def check(
         raise InputError(
             f"claim {claim_id}: holds={holds!r} is neither True, False nor None."
         )
-    if len(reason) > REASON:
+    if len(reason) > MOST_REASON:
         raise InputError(
-            f"claim {claim_id}: its reason has {len(reason)} of {REASON} characters."
+            f"claim {claim_id}: its reason has {len(reason)} characters, more than "
+            f"{MOST_REASON}."
         )
     verdict = REPRODUCED
     cause = ""
@@ -128,8 +130,8 @@ def check(
         verdict = NOT_REPRODUCED
         cause = claims["cause"].fillna("")[claim_id]
     text = as_text(measured)
-    if len(text) > MEASURED:
-        text = f"{text[: MEASURED - 3]}..."
+    if len(text) > MOST_MEASURED:
+        text = f"{text[: MOST_MEASURED - 3]}..."
     return Verdict(
         id=claim_id,
         verdict=verdict,
@@ -141,7 +143,7 @@ def check(
 
 
 def as_text(value: object) -> str:
-    """Return a result as text; numbers have four digits, NaN is "-".
+    """Return a result as text; floats have four significant digits, NaN is "-".
 
     Examples
     --------
@@ -149,7 +151,7 @@ def as_text(value: object) -> str:
     ('0.1235', 'f1 0.9', 'none')
     """
     if isinstance(value, pd.Series):
-        return ", ".join(f"{name} {number:.4g}" for name, number in value.items())
+        return ", ".join(f"{name} {as_text(each)}" for name, each in value.items())
     if isinstance(value, float):
         return f"{value:.4g}".replace("nan", "-")
     return str(value)

@@ -29,7 +29,7 @@ SUMMARY = ("00", "01")  # collect what the others conclude
 MANY_PROCESSES = ("50", "56")  # get all processes in a full run, which is large
 EXTERNAL = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS", "KILNFLIGHT_FIGURES")
 FETCHED = Path("build/external.txt")  # says what of the authors' data is there
-POLL_S = 0.05  # between two looks at what runs
+POLL_S = 0.05  # pause between two looks at what runs
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
                         print(
                             f"{len(done)} of {len(before)} notebooks done", flush=True
                         )
-    finally:  # of an interruption: each says that it stops
+    finally:  # an interruption leaves lines of processes that stop
         for process in running.values():
             process.send_signal(signal.SIGINT)
             process.wait()

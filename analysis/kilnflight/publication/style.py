@@ -186,7 +186,7 @@ def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
 def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     """Draw box plots from their quartiles and whiskers, without outliers.
 
-    Above each box stands its width, since narrow boxes look like lines.
+    Above each box stands q75 - q25, since flat boxes look like lines.
 
     Parameters
     ----------
@@ -215,8 +215,8 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     )
     axes.margins(y=0.12)
     for i, box in enumerate(boxes):
-        width = f"{box['q3'] - box['q1']:.2g}"
-        axes.text(i, box["whishi"], width, fontsize=6, ha="center", va="bottom")
+        height = f"{box['q3'] - box['q1']:.2g}"
+        axes.text(i, box["whishi"], height, fontsize=6, ha="center", va="bottom")
 
 
 def words(name: str) -> str:

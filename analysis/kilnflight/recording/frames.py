@@ -209,7 +209,15 @@ def check_position(t: int, length: int, name: str) -> None:
 
 
 def check_frame(frame: Frame, attributes: Attributes) -> Frame:
-    """Return the frame, or raise an `InputError` naming the recording and the frame."""
+    """Return the frame if its parts fit each other and the recording.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit, the index is no frame number, points lie outside or
+        share a pixel, a depth cannot be calibrated, or a label has no class. It names
+        the recording and the frame.
+    """
     where = f"recording {attributes.name}, frame {frame.index}"
     pixels = frame.pixels
     check_number(
@@ -219,12 +227,14 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     for name, shape in shapes.items():
         check_shape(getattr(frame, name), shape, f"{where}: {name}")
     outside = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
-    wrong = outside | pd.DataFrame(pixels).duplicated().to_numpy()
+    twice = pd.DataFrame(pixels).duplicated().to_numpy()
+    wrong = outside | twice
     if wrong.any():
         place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"
         raise InputError(
             f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice."
         )
+    # Only for its error, as of a point behind the camera.
     calibrate_points(
         frame.xyz, attributes.depth_calibration, f"{where}: captured points"
     )

@@ -190,10 +190,15 @@ def open_recording(path: Path | str) -> StoredRecording:
         per_frame = {
             name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()
         }
+        arrays = {name: group[name] for name in KINDS}
+        for name, array in arrays.items():
+            shape = (len(per_frame["index"]), *_size_of(name, attributes))
+            if array.shape != shape or array.dtype != KINDS[name]:
+                raise InputError(f"its {name} has another size or type than stated")
         return StoredRecording(
             path=path,
             attributes=attributes,
-            arrays={name: group[name] for name in KINDS},
+            arrays=arrays,
             per_frame=per_frame,
             stated=content,
         )
@@ -287,6 +292,14 @@ def _write(
     group.attrs["content"] = open_recording(folder).content()
 
 
+def _size_of(name: str, attributes: Attributes) -> tuple[int, int]:
+    """Return the size of an array in each frame: rows and columns, or points."""
+    rows, columns = attributes.size
+    if name in POINT_NUMBERS:
+        return rows * columns, POINT_NUMBERS[name]
+    return rows, columns
+
+
 def _create(
     folder: Path, attributes: Attributes, length: int
 ) -> tuple[Any, dict[str, Any]]:
@@ -295,10 +308,7 @@ def _create(
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=stated)
     arrays = {}
     for name, kind in KINDS.items():
-        rows, columns = attributes.size
-        if name in POINT_NUMBERS:
-            rows *= columns
-            columns = POINT_NUMBERS[name]
+        rows, columns = _size_of(name, attributes)
         arrays[name] = group.create_array(
             name,
             shape=(length, rows, columns),

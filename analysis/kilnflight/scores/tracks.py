@@ -47,6 +47,14 @@ class TrackScore:
         are sums over these rows and those of `false_tracks`.
     false_tracks
         One row per candidate without a partner: ``length`` in frames and ``positions``.
+
+    Examples
+    --------
+    >>> true = pd.DataFrame({"frame": range(4), "particle": 0, "row": 0.0, "col": 1.0})
+    >>> false = true.assign(particle=1, row=50.0)
+    >>> score = score_tracks(true, pd.concat([true, false]), gate=5.0)
+    >>> score.tp, score.fp, score.jsc
+    (4, 4, 0.5)
     """
 
     alpha: float
@@ -94,14 +102,15 @@ def score_tracks(
         Names of the coordinates, any number of them.
     bridged
         Whether a gap of a track is bridged by a straight line, as the challenge does.
-        If not, the track has no position there: a frame of neither track costs nothing,
-        one of a single track the gate (section 5.2.2 of the thesis, whose truth is NaN
-        where nothing is seen).
+        If not, the track has no position there: a frame without either track costs
+        nothing, a frame with one alone costs the gate (section 5.2.2 of the thesis,
+        whose truth is NaN where nothing is seen).
 
     Returns
     -------
     TrackScore
-        Measures, counts and a table of the pairs.
+        Measures, counts and a table of the pairs. Without candidate tracks all four
+        measures are 0.
 
     Raises
     ------
@@ -109,8 +118,7 @@ def score_tracks(
         If a column is missing or there twice, a frame or particle is no whole number, a
         particle is below -1, a position is not finite, a track has two positions in a
         frame, the gate is not above 0, ``columns`` is empty or names one twice, or the
-        truth holds no track (alpha would be 0 / 0). Without candidate tracks all four
-        measures are 0.
+        truth holds no track (alpha would be 0 / 0).
 
     Notes
     -----
@@ -118,11 +126,14 @@ def score_tracks(
     without a row are interpolated linearly and count for the length. Such a virtual
     position of the truth can be matched, as the particle was there. A virtual position
     of a candidate matches nothing, and is no false positive between the ends of its
-    partner. Beyond these ends every frame of a candidate is false. A true track's dummy
-    is an empty track, its partner if it has none (Eq. 5.3); it costs the gate in every
-    frame. A pair must be better than the dummy: ties are not pairs. Of equally good
-    assignments the one taken depends on the positions alone, not on the order of rows
-    or the numbers of particles.
+    partner. Beyond these ends every frame of a candidate is false.
+
+    A true track without a partner is paired with a dummy, an empty track, which costs
+    the gate in every frame (Eq. 5.3). A pair must be better than the dummy: ties are
+    not pairs.
+
+    Of equally good assignments the one taken depends on the positions alone, not on the
+    order of rows or the numbers of particles.
 
     Examples
     --------
@@ -142,25 +153,27 @@ def score_tracks(
     if not true:
         raise InputError("score_tracks: truth holds no track, so alpha is 0 / 0.")
     compared = _compare(true, other, gate)
-    row, col = _assigned(compared.gain)
-    units = _true_tracks(true, row, col, compared)
-    alone = np.setdiff1d(np.arange(len(other)), col)
-    sizes = [(other[k].length, len(other[k].frames)) for k in alone]
+    i, j = _assigned(compared.gain)  # the paired true and candidate tracks
+    by_true = _true_tracks(true, i, j, compared)
+    unpaired = np.setdiff1d(np.arange(len(other)), j)
+    sizes = [(other[k].length, len(other[k].frames)) for k in unpaired]
     spurious = pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
-    length, tp, fp = units[["length", "tp", "fp"]].sum().tolist()
+    length, tp, fp = by_true[["length", "tp", "fp"]].sum().tolist()
     frames, positions = spurious.sum().tolist()
-    gain = float(compared.gain[row, col].sum())
+    gain = float(compared.gain[i, j].sum())
+    # The gain of a pair is what it costs less than the dummy (Eq. 5.2).
+    cost = gate * (by_true["length"] - by_true["gain"])
     return TrackScore(
         alpha=gain / length,
         beta=gain / (length + frames),
         tp=tp,
         fn=length - tp,
         fp=fp + positions,
-        tp_tracks=len(row),
-        fn_tracks=len(true) - len(row),
+        tp_tracks=len(i),
+        fn_tracks=len(true) - len(i),
         fp_tracks=len(spurious),
-        pairs=_paired(true, other, row, col, gate * (units["length"] - units["gain"])),
-        true_tracks=units,
+        pairs=_paired(true, other, i, j, cost),
+        true_tracks=by_true,
         false_tracks=spurious,
     )
 
@@ -168,39 +181,42 @@ def score_tracks(
 def _paired(
     true: Sequence[Track],
     other: Sequence[Track],
-    row: Index,
-    col: Index,
+    i: Index,
+    j: Index,
     distance: pd.Series,
 ) -> pd.DataFrame:
-    """Return the table ``pairs`` of `TrackScore`; ``distance`` is by true track."""
+    """Return the table ``pairs`` of `TrackScore` for true tracks i and others j.
+
+    ``distance`` is by true track.
+    """
     pairs = {
-        "truth": np.array([true[k].particle for k in row], np.int64),
-        "candidate": np.array([other[k].particle for k in col], np.int64),
-        "distance": np.maximum(distance.to_numpy()[row], 0.0),
+        "truth": np.array([true[k].particle for k in i], np.int64),
+        "candidate": np.array([other[k].particle for k in j], np.int64),
+        "distance": np.maximum(distance.to_numpy()[i], 0.0),
     }
     return pd.DataFrame(pairs).sort_values("truth", ignore_index=True)
 
 
 def _assigned(gain: Array) -> tuple[Index, Index]:
-    """Return the rows and columns (k,) of the pairs of largest total gain (n, m)."""
+    """Return true tracks i, others j (k,) of the pairs of largest total gain (n, m)."""
     worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy
-    row, col = linear_sum_assignment(worth, maximize=True)
-    better = worth[row, col] > 0
-    return row[better], col[better]
+    i, j = linear_sum_assignment(worth, maximize=True)
+    better = worth[i, j] > 0
+    return i[better], j[better]
 
 
 def _true_tracks(
-    true: Sequence[Track], row: Index, col: Index, compared: Compared
+    true: Sequence[Track], i: Index, j: Index, compared: Compared
 ) -> pd.DataFrame:
-    """Return the table ``true_tracks`` of `TrackScore` for pairs (k,) of tracks."""
+    """Return the table ``true_tracks`` of `TrackScore` for pairs i, j (k,)."""
     partners = {
-        "gain": compared.gain[row, col],
-        "tp": compared.matched[row, col],
-        "fp": compared.false[row, col],
+        "gain": compared.gain[i, j],
+        "tp": compared.matched[i, j],
+        "fp": compared.false[i, j],
     }
-    table = pd.DataFrame(partners, index=row).reindex(range(len(true)), fill_value=0)
+    table = pd.DataFrame(partners, index=i).reindex(range(len(true)), fill_value=0)
     table.insert(0, "length", [track.length for track in true])
-    return table.assign(paired=table.index.isin(row))
+    return table.assign(paired=table.index.isin(i))
 
 
 class Track(NamedTuple):
@@ -254,7 +270,7 @@ def _read_tracks(
 class Compared(NamedTuple):
     """Comparison of every true track with every candidate, (n true, m other) each."""
 
-    gain: Array  # in gates: cost of the dummy minus that of the pair (Eqs 5.1 and 5.2)
+    gain: Array  # cost of the dummy minus that of the pair, in gates (Eqs 5.1 and 5.2)
     matched: Whole  # frames in which positions match
     false: Whole  # positions of the candidate that are false
 

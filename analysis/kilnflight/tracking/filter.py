@@ -369,7 +369,7 @@ def _root(matrices: Array) -> tuple[Array, Array]:
     if matrices.shape[1] != 2:
         factor = np.linalg.cholesky(matrices)
         return 2.0 * np.log(factor.diagonal(0, 1, 2)).sum(axis=1), np.linalg.inv(factor)
-    # By hand in the plane: one call for each matrix takes three times as long.
+    # Written out for the plane: a call for each matrix takes three times as long.
     first = np.sqrt(matrices[:, 0, 0])
     below = matrices[:, 1, 0] / first
     rest = matrices[:, 1, 1] - below * below

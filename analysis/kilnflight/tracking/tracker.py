@@ -1,6 +1,6 @@
 """The tracking loop: from detections to tracks (thesis, section 4.1).
 
-Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves
+Stop, predict, gate, associate, update, start. One loop over frames, `follow`, serves
 the kiln and the belt, every associator and every motion; within a frame all tracks are
 one array. Tracks consist of the original detections; the filter is used only for
 association. A probabilistic track is recorded at the mean of its weighted detections
@@ -29,9 +29,10 @@ from kilnflight.tracking.filter import (
     update,
 )
 
-# Structured, one entry per track, the older first: the columns of `_newborn`.
+# Structured, one entry per track, the older first: the columns of `_blank`.
 Tracks = npt.NDArray[np.void]
-ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `_newborn`
+# Columns of tracks beside those of `_blank`.
+ExtraColumns = Mapping[str, npt.NDArray[Any]]
 Shares = tuple[Integers, Integers, Any]  # (q,) each, see `_shares`
 
 
@@ -95,7 +96,7 @@ class Management:
     def __post_init__(self) -> None:
         check_number(self.visibility, "Management: visibility", least=0, most=1)
         check_number(self.invisible, "Management: invisible", least=0, whole=True)
-        check_number(self.used, "Management: used", least=0, most=1)
+        check_number(self.used, "Management: used", above=0, most=1)
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each of n tracks lives on in ``frame``, (n,)."""
@@ -297,7 +298,7 @@ def _unless_unknown(values: Array) -> Array | None:
     return None if np.isnan(values).all() else values
 
 
-def _newborn(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> Tracks:
+def _blank(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> Tracks:
     """Return a track at the origin, (1,), with one field per column.
 
     The state has k numbers: positions, velocities and so on of ``motion``.
@@ -351,22 +352,23 @@ def follow(
     extra_columns
         Names and types of the columns that ``associate`` fills.
     used
-        Weight in a recorded track from which a detection starts no new one.
+        A detection that a recorded track weights at least as much starts no track.
     """
     noise = motion.measurement_noise()
-    d = len(noise)
-    # The n tracks, and newborn ones behind them: numpy copies them fast, but joins
-    # structured arrays slowly.
-    room = _newborn(motion, extra_columns)
+    d = len(noise)  # coordinates of a position
+    # The n tracks, and blank ones behind them: numpy copies structured arrays fast, but
+    # joins them slowly. The last one is always blank.
+    storage = _blank(motion, extra_columns)
     n = 0
-    started = 0
-    span = -1.0
+    next_id = 0
+    span = None
     for detected in frames:
-        kept = np.flatnonzero(keeps(room[:n], detected.frame))
-        newborn = np.full(len(detected.positions) + 1, -1)
-        room = room.take(np.append(kept, newborn))
-        tracks = room[: len(kept)]
-        if detected.span != span:
+        kept = np.flatnonzero(keeps(storage[:n], detected.frame))
+        # Index -1 copies the blank track: one for each detection, and one that stays.
+        blank = np.full(len(detected.positions) + 1, -1)
+        storage = storage.take(np.append(kept, blank))
+        tracks = storage[: len(kept)]
+        if detected.span != span:  # the matrices change only with it
             span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
         state, covariance = predict(tracks["state"], tracks["covariance"], *moves)
@@ -381,15 +383,15 @@ def follow(
         tracks["row"] = -1
         for name, values in extra.items():
             tracks[name] = values
-        owner = record(pairs, weights)
-        alone = _unused(pairs, weights, owner, used)
-        n = len(kept) + len(alone)
+        owner = choose_owners(pairs, weights)
+        unused = _unused(pairs, weights, owner, used)
+        n = len(kept) + len(unused)
         track_of = owner.copy()
-        track_of[alone] = np.arange(len(kept), n)
-        _begin(room[len(kept) : n], started, detected, alone, extra_of_new)
-        started += len(alone)
-        tracks = room[:n]
-        particle = _record(tracks, track_of, detected)
+        track_of[unused] = np.arange(len(kept), n)
+        _begin(storage[len(kept) : n], next_id, detected, unused, extra_of_new)
+        next_id += len(unused)
+        tracks = storage[:n]
+        particle = _write(tracks, track_of, detected)
         yield Step(detected, pairs, weights, particle, owner, tracks)
 
 
@@ -407,17 +409,17 @@ def _unused(pairs: Pairs, weights: Array | Flags, owner: Index, used: float) -> 
 
 
 def _begin(
-    new: Tracks, first: int, detected: Detected, alone: Index, extra: ExtraColumns
+    new: Tracks, first: int, detected: Detected, unused: Index, extra: ExtraColumns
 ) -> None:
-    """Start tracks, numbered from ``first`` on, at the detections ``alone`` (k,)."""
-    new["particle"] = np.arange(first, first + len(alone))
+    """Start tracks, numbered from ``first`` on, at the detections ``unused`` (k,)."""
+    new["particle"] = np.arange(first, first + len(unused))
     new["born"] = detected.frame
-    new["state"][:, : detected.positions.shape[1]] = detected.positions[alone]
+    new["state"][:, : detected.positions.shape[1]] = detected.positions[unused]
     for name, values in extra.items():
-        new[name] = values[alone]
+        new[name] = values[unused]
 
 
-def _record(tracks: Tracks, track_of: Index, detected: Detected) -> Integers:
+def _write(tracks: Tracks, track_of: Index, detected: Detected) -> Integers:
     """Write recorded detections into their tracks and return their particles (m,).
 
     ``track_of`` (m,) is the index of each detection's track; -1: none, which is
@@ -438,7 +440,7 @@ def _record(tracks: Tracks, track_of: Index, detected: Detected) -> Integers:
     return particle
 
 
-def record(pairs: Pairs, weights: Array | Flags) -> Index:
+def choose_owners(pairs: Pairs, weights: Array | Flags) -> Index:
     """Return the index of the track (m,) recorded at each detection; -1: none.
 
     ``weights`` (p,) are those of the pairs. The rule is in the notes of `track`. At

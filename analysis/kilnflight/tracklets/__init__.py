@@ -48,17 +48,17 @@ def postprocess(
         Track table, see `kilnflight.tracklets`.
     differences
         (frames, rows, cols) differences of the recording's frames and their background,
-        in grey values; any object with ``shape`` that is sliced like an array. They
-        show a moving particle as a streak, the last term of Eq. 4.24. None leaves that
-        term out.
+        in grey values; ``differences[frame]`` is that of a frame of ``tracks``. Any
+        object with ``shape`` that is sliced like an array will do. They show a moving
+        particle as a streak, the last term of Eq. 4.24. None leaves that term out.
     steps
-        In the order of chapter 4.2.
+        In the order of section 4.2.
 
     Returns
     -------
     DataFrame
-        The same rows and columns with new particles; in frames that two tracklets
-        share, the places are means.
+        The same rows and columns with new numbers of particles; in frames that two
+        tracklets share, the places are means.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
     return means(path, speed, names.max(initial=-1) + 1)
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # of paths that are too short
+@np.errstate(divide="ignore", invalid="ignore")  # short paths give 0 / 0
 def regularity(names: Index, frame: Whole, place: Array) -> Array:
     """Return the correlation (m,) of each path with quadratic polynomials (Eq. 4.15).
 

@@ -26,7 +26,7 @@ from kilnflight.tracklets.texture import level_edge
 
 _OUTLIERS = OutlierRemoval()
 _FALSE = Elimination()  # Eqs 4.18 and 4.15, of the connected part
-_MORE = 1 + 1e-9  # for rounding
+_MORE = 1 + 1e-9  # a value at the limit may be rounded above it
 
 
 class Candidates(NamedTuple):
@@ -215,7 +215,7 @@ class Joining(PathStep):
         last = paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
         one, other = ranges(np.arange(len(there)) + 1, until)
-        # Of two that start together the one that ends first is the earlier.
+        # If two start together, the one that ends first is the earlier.
         swapped = (first[one] == first[other]) & (last[other] < last[one])
         i = np.where(swapped, other, one)
         k = np.where(swapped, one, other)

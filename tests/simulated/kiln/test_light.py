@@ -80,7 +80,7 @@ def test_a_flame_is_round_and_larger_than_what_does_not_burn():
             landed=np.zeros(n, bool),
             age_s=np.full(n, 0.1),
         )
-        shape = drawing.project(moment, bodies, looks, PLACE, OPTICS, 0.0).spread_px2
+        shape = drawing.project(moment, bodies, looks, PLACE, OPTICS, 0.0).ellipse_px2
         shapes.append(np.sqrt(np.linalg.eigvalsh(shape)))
     flames, unlit = shapes
     assert (

@@ -14,7 +14,7 @@ def blobs(row, column, half, brightness=20_000.0, adds=True, softness=0.05):
     return Blobs(
         row=single,
         column=np.array([float(column)]),
-        spread_px2=shape,
+        ellipse_px2=shape,
         brightness=np.array([brightness]),
         passes=np.array([adds]),
         softness=np.array([softness]),

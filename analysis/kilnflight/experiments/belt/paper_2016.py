@@ -225,8 +225,8 @@ def deviations(
     Parameters
     ----------
     approach
-        Straight keeps the lateral position and predicts no time. Sim and Tracking have
-        constant velocity.
+        `STRAIGHT` keeps the lateral position and predicts no time. `SIM` (the true
+        velocity) and `TRACKING` go on at constant velocity.
     last
         `kilnflight.tables.BELT_LAST` with the true ``particle``; one may have several
         rows.
@@ -238,10 +238,10 @@ def deviations(
     Returns
     -------
     DataFrame
-        A row per row of ``last``: ``approach``, ``particle``; ``lateral_mm`` and
-        ``temporal_ms``, prediction minus truth, so positive if the particle arrived
-        earlier than predicted (Fig. 6). NaN if a particle does not move towards the
-        edge.
+        A row per row of ``last`` whose particle arrived: ``approach``, ``particle``;
+        ``lateral_mm`` and ``temporal_ms``, prediction minus truth, so positive if the
+        particle arrived earlier than predicted (Fig. 6). NaN where no arrival is
+        predicted, except the place of `STRAIGHT`.
     """
     lateral = Straight() if approach == STRAIGHT else LateralCV()
     predicted = predict_arrivals(BELT_LAST.check(last), CV(), lateral, target_mm)

@@ -50,7 +50,7 @@ PARTICLES = {"quick": 1000}
 _CALIBRATIONS = 20  # draws that the replicates of a bootstrap share
 PHASE = PredictionPhase()
 FAST_HZ = 1000.0  # rate of the paper's own tracks (section 5)
-JITTER_MM = 2e-5  # below the digits of the public tracks; choice B3
+JITTER_MM = 2e-5  # less than the last digit of the public tracks; choice B3
 _MEASURES = {"MAE": "mae", "IQR": "iqr"}
 _IN_UNITS = "median|q25|q75|iqr|mae|whisker|excess"  # columns in ms or mm begin so
 

@@ -32,7 +32,7 @@ from kilnflight.simulated.kiln.scene import SceneView, Twin
 
 FITTED = ("paper", "paper_spread", "flame", "thick_mm", "gas_mm", "flame_softness")
 SEEDS = (0, 1, 2)
-FRAMES = (80,)  # of the search: the ten labelled ones show nearly the same particles
+FRAMES = (80,)  # one is enough: all ten labelled ones show nearly the same particles
 LARGE_PX = 15.0  # "approximately all particles" are smaller (section 3.3)
 CORE = 0.7  # share of a flame's radius within which a pixel is at full scale
 # section 5.1.3

@@ -21,7 +21,7 @@ from kilnflight.scores import score_tracks
 from kilnflight.scores.intervals import DRAWS, LEAST, percentiles, track_draws
 from kilnflight.scores.tracks import TrackScore
 
-# The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
+# Epsilon without an index in Table 5.16; Eq. 5.1 alone has one.
 GATE_PX = 10.0
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 STAGES = ("without", "with")  # post-processing
@@ -38,12 +38,13 @@ SINGULARS = {
 # What counts as a start at the lance; no work prints it. Particles are faint at first,
 # so tracks start some frames after the exit (section 4.3). Depth: one slice of Eq. 5.8.
 # Picture: a jet widens by about 0.2 mm per mm, in that slice by 200 mm, more than 200
-# px at the lance. Time: two pieces of one trajectory are at most 15 frames apart
-# (t_epsilon,CONNECT, Table 5.16).
+# px at the lance.
 WITHIN_PX = 200.0
 WITHIN_MM = 1000.0  # depth from the exit
 FIRST = 3  # positions, whose median is robust against one that is wrong
-LEAST_FRAMES = 15  # frames of a true trajectory, from first to last
+# Frames of a true trajectory, from first to last: two pieces of one are at most so far
+# apart (t_epsilon,CONNECT, Table 5.16).
+LEAST_FRAMES = 15
 
 Key = tuple[str, ...]  # values of `KEYS`
 
@@ -57,7 +58,7 @@ class Lance(NamedTuple):
 
 
 def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
-    """Return the rows of tracks that start at the lance.
+    """Return the rows of tracks that start at the lance, without rows in no track.
 
     The median of the first `FIRST` positions must be within `WITHIN_PX` of the outlet,
     and within `WITHIN_MM` of its depth if that is known.
@@ -79,9 +80,10 @@ def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
     kept = tracklets.tracked(tracks)
     first = kept.sort_values(["particle", "frame"]).groupby("particle").head(FIRST)
     px = np.hypot(first["row"] - lance.row, first["col"] - lance.col)
-    off = pd.DataFrame({"px": px, "mm": (first["z"] - lance.depth_mm).abs()})
-    start = off.groupby(first["particle"]).median()
-    near = (start["px"] <= WITHIN_PX) & ~(start["mm"] > WITHIN_MM)
+    distance = pd.DataFrame({"px": px, "mm": (first["z"] - lance.depth_mm).abs()})
+    start = distance.groupby(first["particle"]).median()
+    too_deep = start["mm"] > WITHIN_MM  # False for NaN
+    near = (start["px"] <= WITHIN_PX) & ~too_deep
     return kept[kept["particle"].isin(start.index[near])]
 
 

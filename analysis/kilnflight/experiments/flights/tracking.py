@@ -44,7 +44,7 @@ from kilnflight.tracklets.paths import PathStep
 
 # Frames of each scale; 0: as many as in Table 5.15
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}
-SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
+SMOKE_FRACTIONS = ("wood chip", "paper shred")  # a smoke run has these alone
 Stages = Mapping[str, pd.DataFrame]  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
 # Function of detections that returns them with ``particle``, -1: none

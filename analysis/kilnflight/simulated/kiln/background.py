@@ -135,9 +135,12 @@ class Still(NamedTuple):
     shade: Array  # level of lance and burner over the wall's
 
 
-@lru_cache(maxsize=1)  # the scenes of a run have the same one
+@lru_cache(maxsize=1)  # most scenes of a process share the kiln and the burner
 def _see_kiln(geometry: Geometry, nozzle_m: tuple[float, ...]) -> Still:
-    """Return wall, lance and burner, whose mouth is in kiln coordinates."""
+    """Return depths and shade of wall, lance and burner; nobody may change them.
+
+    ``nozzle_m`` is the burner's mouth in kiln coordinates.
+    """
     shape = (geometry.rows, geometry.columns)
     still = Still(np.empty(shape), np.full(shape, np.inf), np.zeros(shape))
     tubes = (
@@ -146,11 +149,11 @@ def _see_kiln(geometry: Geometry, nozzle_m: tuple[float, ...]) -> Still:
     )
     for rows, row, column in _blocks(geometry):
         still.wall_mm[rows] = geometry.wall_depth(row, column)
-        depth = still.tube_mm[rows]
+        nearest = still.tube_mm[rows]  # a view: it is changed in place
         for mouth_m, radii in tubes:
-            seen, shade = _see_tube(geometry, mouth_m, radii, row, column)
-            np.copyto(still.shade[rows], shade, where=seen < depth)
-            np.minimum(seen, depth, out=depth)
+            tube_mm, shade = _see_tube(geometry, mouth_m, radii, row, column)
+            np.copyto(still.shade[rows], shade, where=tube_mm < nearest)
+            np.minimum(tube_mm, nearest, out=nearest)
     return still
 
 

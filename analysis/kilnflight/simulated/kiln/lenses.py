@@ -3,14 +3,14 @@
 A lens compares what its neighbours see, so that it finds a depth only where its patch
 of the picture has contrast over noise. The depth is that of whatever has the contrast:
 an edge carries its depth half a lens beyond itself (fattening), and between two lenses
-depths are mixed. The error is smooth over the picture. Most of it comes anew in each
+depths are mixed. The error is smooth over the picture. Most of it is drawn anew in each
 frame; that of the calibration stays. A particle's own error is the larger, the lower
 its contrast.
 
 Published: 176 x 152 lenses (R12 data sheet), about 200,000 points a frame (sec. 5.1.3),
 the distances of neighbours (Fig. 5.7), the shares with depth (Table 5.2), the scatter
 of the plate (sec. 2.1.5) and of fitted trajectories (Table 5.18, RMSE in z).
-`LensCamera` is set by these alone. No detection has a part in it.
+`LensCamera` is set by these alone, and fitted to no score of detection.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.picture import MARKED_RADIUS, SceneView
 
 BLOCKS = 3  # per lens and direction, in which contrast is summed
+FLOOR = 0.1  # contrast over noise of a uniform body against the wall; assumption
 # The plate scatters most between these depths, near 3 m (sec. 2.1.5).
 NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
 
@@ -214,8 +215,8 @@ class Lattice(NamedTuple):
             weight += [of_line * (1 - (right - left)), of_line * (right - left)]
         return np.stack(lens), np.stack(weight).astype(np.float32)
 
-    def average(self, block: Index, values: Array) -> Single:
-        """Return the sum of values by block, averaged over a lens around each block."""
+    def average_sums(self, block: Index, values: Array) -> Single:
+        """Return sums of values by block, averaged over a lens around each block."""
         rows, columns = self.blocks
         total = np.bincount(block, values, rows * columns).reshape(rows, columns)
         return _blur(total.astype(np.float32))
@@ -418,7 +419,9 @@ class LensWall:
         scale = self.camera.wall_scale(depth).astype(np.float32)
         return depth + (self.bias.take(index) + error) * scale
 
-    def look(self, view: SceneView, error: Array, random: np.random.Generator) -> Sight:
+    def see_particles(
+        self, view: SceneView, error: Array, random: np.random.Generator
+    ) -> Sight:
         """Return the particles of a frame as the lenses see them.
 
         Parameters
@@ -426,41 +429,44 @@ class LensWall:
         view
             The frame without noise; what exceeds full scale is cut off.
         error
-            Of each particle's depth (particles,), at high contrast.
+            Error of each particle's depth at high contrast in mm, (particles,).
         random
-            Chooses among the pixels.
+            Draws which pixels get a point.
         """
         camera = self.camera
         lattice = self.lattice
         pixels = view.pixels.take(view.pixels.radius <= MARKED_RADIUS)
         blob = pixels.blob
         block = lattice.block_of(pixels.place)
-        count = lattice.average(block, np.ones(len(block)))
+        count = lattice.average_sums(block, np.ones(len(block)))
         near = np.flatnonzero(count)  # elsewhere there is only the wall
         variance, mean = measure_contrast(view.picture, lattice, FULL_SCALE, count > 0)
         covered = np.minimum(count / lattice.block_px**2, 1.0)
-        wall = self.variance * (1 - covered)  # the hidden part has no contrast
-        behind = wall.take(near)
+        wall_variance = self.variance * (1 - covered)  # what is hidden has no contrast
+        behind = wall_variance.take(near)
         own = np.maximum(variance.take(near) - behind, 0.0)
         noise = self.background.optics.noise(mean.take(near))
-        seen = np.sqrt(own) / noise
-        clear = (seen >= camera.contrast) & (own >= camera.clear**2 * behind)
+        over_noise = np.sqrt(own) / noise
+        resolved = over_noise >= camera.contrast
+        resolved &= own >= camera.clear**2 * behind  # squared, as both are variances
         contrast = np.zeros(count.size)
-        contrast[near] = seen
-        deep = lattice.pixels_of(near[clear])
+        contrast[near] = over_noise
+        with_depth = lattice.pixels_of(near[resolved])
+        # Neither a particle nor a pixel with a particle's depth can have the wall's.
         hidden = view.labels.reshape(-1) != 0
-        hidden[deep] = True
-        found = self._depths(view, error, blob, contrast[block])[blob]
-        depth = lattice.average(block, found) / np.maximum(count, 1e-6)
+        hidden[with_depth] = True
+        by_blob = self._depths(view, error, blob, contrast[block])
+        depth = lattice.average_sums(block, by_blob[blob])
+        depth /= np.maximum(count, 1e-6)  # 0 / 0 where there is no particle
+        # A uniform body has no contrast, yet it hides the wall: it gets a small weight.
         body = np.zeros(count.size, np.float32)
-        # A body has no contrast within, yet only itself is seen there.
-        body[near] = np.sqrt(own) + 0.1 * noise * covered.take(near)
+        body[near] = np.sqrt(own) + FLOOR * noise * covered.take(near)
         return Sight(
             own=body.take(self.centre) ** camera.dominance,
-            wall=np.sqrt(wall.take(self.centre)) ** camera.dominance,
+            wall=np.sqrt(wall_variance.take(self.centre)) ** camera.dominance,
             depth_mm=np.asarray(depth.take(self.centre), np.float32),
             hidden=hidden,
-            pixels=self._keep(deep, view.labels, random),
+            pixels=self._keep(with_depth, view.labels, random),
         )
 
     def _depths(

@@ -23,6 +23,7 @@ VISIBLE_CONTRAST = 3.0  # a person marks from this contrast over noise; assumpti
 VISIBLE_PX = 5  # least number of pixels with that contrast; assumption
 LARGEST_RADIUS = 1.6  # an ellipse is drawn so far, in radii
 MARKED_RADIUS = 1.15  # a person marks an ellipse so far
+BODY_SOFTNESS = 0.15  # edge of an unlit particle over its radius; assumption
 # Turns of sheets and of other particles in a second; assumptions
 SHEET_HZ = 12.0
 BODY_HZ = 20.0
@@ -63,7 +64,7 @@ class Blobs(NamedTuple):
 
     row: Array
     column: Array
-    spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
+    ellipse_px2: Array  # (m, 2, 2) of row and column: x' S^-1 x = 1
     brightness: Array  # grey value of the covered pixels before motion blur
     passes: Array  # share of the light from behind that passes
     softness: Array  # width of the edge in units of the radius
@@ -79,51 +80,56 @@ def project(
     optics: Optics,
     time_s: float,
 ) -> Blobs:
-    """Return the particles of a moment as they lie in the picture.
+    """Project the particles of a moment into the picture, as `Blobs`.
 
     Parameters
     ----------
     moment
-        The particles, far ones first.
+        The particles that are seen, far ones first.
     bodies, looks
-        Of all particles of the scene.
+        Shape and light of all particles of the scene.
     geometry, optics
-        Of the scene.
+        The camera's.
     time_s
-        Of the frame.
+        Time of the frame, which decides how particles flicker and tumble.
     """
-    rows = moment.particle
+    who = moment.particle
     flame = moment.burning
-    place = geometry.to_camera(moment.position_m)
-    row, column = geometry.project(place)
-    scale = geometry.focal_length_px / place[:, 2]
-    bright, swollen = looks.flutter(rows, time_s, optics.exposure_s)
-    shape = _ellipses(moment, bodies, geometry)
-    shape *= np.where(flame, optics.curl**2, 1.0)[:, None, None]
-    shape += np.where(flame, looks.gas_mm[rows] ** 2, 0.0)[:, None, None] * np.eye(2)
-    shape *= np.where(flame, swollen, 1.0)[:, None, None]
-    # The light passes through the diameter.
-    passes = np.exp(-2 * np.linalg.det(shape) ** 0.25 / optics.thick_mm)
-    own = optics.at_flame * looks.brightness[rows] * bright * (1 - passes)
-    unlit = optics.at_wall * looks.unlit(rows, time_s, optics.tumble)
-    tail = _tails(moment, geometry, optics)
-    sharp = _smear(shape, tail) * (scale**2)[:, None, None]
-    travel = _travels(moment, place, geometry) * (scale * optics.exposure_s)[:, None]
-    spread = _smear(sharp + np.eye(2) * optics.edge_softness_px**2, travel)
+    place_mm = geometry.to_camera(moment.position_m)
+    row, column = geometry.project(place_mm)
+    px_per_mm = geometry.focal_length_px / place_mm[:, 2]
+    flicker, area = looks.flutter(who, time_s, optics.exposure_s)
+    fuel_mm2 = _ellipses(moment, bodies, geometry)
+    # A flame is the curled fuel, and burning gas around it; its area changes.
+    gas_mm2 = np.square(looks.gas_mm[who])[:, None, None] * np.eye(2)
+    flame_mm2 = (fuel_mm2 * optics.curl**2 + gas_mm2) * area[:, None, None]
+    ellipse_mm2 = np.where(flame[:, None, None], flame_mm2, fuel_mm2)
+    # The thicker a flame, the less light passes (Beer and Lambert).
+    diameter_mm = 2 * np.linalg.det(ellipse_mm2) ** 0.25
+    passes = np.exp(-diameter_mm / optics.thick_mm)
+    lit_gray = optics.at_flame * looks.brightness[who] * flicker * (1 - passes)
+    unlit_gray = optics.at_wall * looks.unlit(who, time_s, optics.tumble)
+    tail_mm = _tails(moment, geometry, optics)
+    sharp = _smear(ellipse_mm2, tail_mm) * (px_per_mm**2)[:, None, None]
+    # Blurred by the lens, then by the way during the exposure.
+    px_s_per_mm = px_per_mm * optics.exposure_s
+    way_px = _travels(moment, place_mm, geometry) * px_s_per_mm[:, None]
+    blurred = _smear(sharp + np.eye(2) * optics.edge_softness_px**2, way_px)
+    # A tail lies on one side, so half of it moves the centre.
     return Blobs(
-        row=row + tail[:, 0] * scale / 2,
-        column=column + tail[:, 1] * scale / 2,
-        spread_px2=spread,
-        brightness=np.where(flame, own, unlit),
+        row=row + tail_mm[:, 0] * px_per_mm / 2,
+        column=column + tail_mm[:, 1] * px_per_mm / 2,
+        ellipse_px2=blurred,
+        brightness=np.where(flame, lit_gray, unlit_gray),
         passes=np.where(flame, passes, 0.0),
-        softness=np.where(flame, optics.flame_softness, 0.15),
-        dilution=np.minimum(_area(sharp) / _area(spread), 1.0),
-        depth_mm=place[:, 2],
+        softness=np.where(flame, optics.flame_softness, BODY_SOFTNESS),
+        dilution=np.minimum(_half_axes(sharp) / _half_axes(blurred), 1.0),
+        depth_mm=place_mm[:, 2],
     )
 
 
-def _area(ellipses: Array) -> Array:
-    """Return the areas of ellipses (m, 2, 2) over pi."""
+def _half_axes(ellipses: Array) -> Array:
+    """Return the product of the half axes of ellipses (m, 2, 2)."""
     return np.sqrt(np.maximum(np.linalg.det(ellipses), 1e-12))
 
 
@@ -189,7 +195,7 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
     blob, row = _rows_of(blobs, rows)
     y = row - blobs.row[blob]
     middle = blobs.column[blob]
-    tall, slant, _, wide = np.linalg.inv(blobs.spread_px2)[blob].reshape(-1, 4).T
+    tall, slant, _, wide = np.linalg.inv(blobs.ellipse_px2)[blob].reshape(-1, 4).T
     across = tall * y * y
     room = (slant * y) ** 2 - wide * (across - LARGEST_RADIUS**2)
     # 0.01 px more, so that rounding loses none
@@ -214,7 +220,7 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
 
 def _rows_of(blobs: Blobs, rows: int) -> tuple[Index, Index]:
     """Return blob and row of every row of the picture that an ellipse may cover."""
-    half = np.ceil(LARGEST_RADIUS * np.sqrt(blobs.spread_px2[:, 0, 0]))
+    half = np.ceil(LARGEST_RADIUS * np.sqrt(blobs.ellipse_px2[:, 0, 0]))
     middle = np.round(blobs.row)
     top = np.clip(middle - half, 0, rows).astype(np.intp)
     bottom = np.clip(middle + half, -1, rows - 1).astype(np.intp)

@@ -233,7 +233,7 @@ class Twin:
 
     def _sight(self, t: int, view: SceneView) -> Sight:
         """Return the particles of frame ``t`` as the lenses see them."""
-        return self._wall.look(view, self._draw_errors(t), self._random(t, 2))
+        return self._wall.see_particles(view, self._draw_errors(t), self._random(t, 2))
 
     def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
         """Return pixels (n, 2) and captured positions (n, 3) of the points of ``t``."""
