@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Sketches of post-processing: outliers and joined tracklets
+# # Sketches of post-processing: the printed rule also removes a correct position
 #
 # **The work.** Sketches of the thesis (sections 4.2.2 and 4.2.3, Figs 4.5 to 4.7, 4.9,
 # 4.10 and 4.14) show which positions of a tracklet are outliers, and how two tracklets

@@ -256,7 +256,7 @@ def judge(lateral, pairs):
     best = claims.all_of(*best, of_cylinders)
     straight_on = "MAE of Straight (mm); MAE and IQR must agree."
     accelerated = "MAE of CA-CA (mm); MAE and IQR must agree."
-    below = "By which share the MAE of LV-DSC is below that of CA-CA; IQR alike."
+    below = "Share of the MAE of CA-CA that LV-DSC saves; the IQR must agree."
     by_ratio = "MAE of IA-Ratio (mm); MAE and IQR must agree."
     line = "R2 of a line, cuboids; they must lose a larger share of speed than spheres."
     return [
