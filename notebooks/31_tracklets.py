@@ -56,8 +56,8 @@ elimination, outliers, connection, fusion = tracklets.STEPS
 #
 # The measures of all tracks, after the tracker and after each step. The last rows of
 # the table replace dual nearest neighbours by the Hungarian method, in all fractions
-# and in both steps that join tracklets: the difference of alpha, tracks from the lance,
-# with its 95 % interval (bootstrap over tracks).
+# and in both steps that join tracklets: the difference of alpha (Hungarian minus dual
+# nearest), tracks from the lance, with its 95 % interval (bootstrap over tracks).
 
 # %%
 by_step = {}
@@ -180,8 +180,8 @@ save("fig-4-4-eligible", chosen, picture=picture, caption=caption)
 # ## Joined tracklets
 #
 # Pairs that were joined in any window, iteration by iteration, on the sum of frame
-# differences (Fig. 4.12). Of each kind one joint is drawn. Level-Edge
-# energy is measured in the window.
+# differences (Fig. 4.12). Of each kind one joint is drawn. The Level-Edge energy is
+# measured in the yellow window.
 
 # %%
 before = {name: outliers(elimination(tracks)) for name, tracks in tracked.items()}
