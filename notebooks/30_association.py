@@ -40,6 +40,7 @@ save = partial(figures.save, provenance=origin)
 
 
 def draw_gate(axes, place, height, width):
+    """Draw the ellipse of a gate; place is (row, col), all in px."""
     axes.add_patch(Ellipse(place[::-1], width, height, fill=False, ec="0.6"))
 
 
@@ -57,7 +58,7 @@ def draw_gate(axes, place, height, width):
 # %%
 def draw_panel(axes, tracks, detections, beta):
     for i, place in enumerate(tracks):
-        draw_gate(axes, place, height=24, width=36)
+        draw_gate(axes, place, height=24, width=36)  # three standard deviations
         for weight, detection in zip(beta[i, 1:], detections, strict=True):
             plots.draw_places(axes, [place, detection], "k-", lw=4 * weight)
     plots.draw_places(axes, tracks, "ow")
@@ -79,10 +80,10 @@ picture, grid = style.canvas(4, 3, sharex=True, sharey=True, height_mm=140)
 for panels, (case, (second, places)) in zip(grid.T, situations.items(), strict=True):
     tracks = np.array([[0.0, 0.0], [second, 0.0]])
     detections = np.array(places, float)
-    found = Gate(distance=3.0)(tracks, np.stack([spread, spread]), Detected(detections))
+    pairs = Gate(distance=3.0)(tracks, np.stack([spread, spread]), Detected(detections))
     for axes, name, associator in zip(panels, names, ASSOCIATORS, strict=True):
         beta = np.zeros((2, 1 + len(places)))  # tracks; none, D1, D2, N1
-        beta[found.track, 1 + found.detection] = associator(found)
+        beta[pairs.track, 1 + pairs.detection] = associator(pairs)
         beta[:, 0] = 1.0 - beta.sum(axis=1)
         draw_panel(axes, tracks, detections, beta)
         axes.set_title(f"{name}, {case}")
@@ -192,17 +193,18 @@ flight["col"] = 20.0 + 26 * frame + noise[:, 1]
 flight["z"] = 5000.0 + 60 * frame + random.normal(0, 200, 12)
 flight.loc[10, "z"] = np.nan
 other = flight.assign(row=flight["row"] + 500, z=5000.0, origin="other particle")
+# Clutter is shifted in frame, row, col (px) and z (mm).
 clutter = (flight[frame == 3] + [0, 6, -7, -2600]).assign(origin="clutter")
 flight = flight.drop(index=[5, 6, 7]).assign(origin="particle")
 seen = pd.concat([flight, other, clutter], ignore_index=True)
 parts = []
 for before, step in pairwise(tracker.steps(seen)):
     pairs = step.pairs
-    flat = Gate(depth_mm=np.inf)(pairs.expected, pairs.residual, step.detected)
+    plane = Gate(depth_mm=np.inf)(pairs.expected, pairs.residual, step.detected)
     part = seen.iloc[step.detected.rows].copy()
     part[["expected_row", "expected_col"]] = pairs.expected[0]
     part["expected_z"] = before.tracks["depth_mm"][0]
-    part["in_ellipse"] = np.isin(range(len(part)), flat.detection[flat.track == 0])
+    part["in_ellipse"] = np.isin(range(len(part)), plane.detection[plane.track == 0])
     reach = Gate().distance * np.sqrt(pairs.residual[0].diagonal())
     part[["reach_row_px", "reach_col_px"]] = reach
     part["in_gate"] = np.isin(range(len(part)), pairs.detection[pairs.track == 0])
@@ -263,9 +265,9 @@ save("fig-3-13-assignment", costs, picture=picture, caption=caption)
 
 # %%
 own = weights.query("situation == 'crowded' and track == 'T1' and detection == 'D1'")
-_, gnn, _, jpda = own["weight"]
+nn, gnn, pda, jpda = own["weight"]
 result = (
-    f"In the crowd track 1 takes its own detection with {gnn:.2f} (GNN) and "
-    f"{jpda:.2f} (JPDA)."
+    f"In the crowd the own detection of track 1 has the weight {nn:.2f} (NN), "
+    f"{pda:.2f} (PDA), {jpda:.2f} (JPDA) and {gnn:.2f} (GNN)."
 )
 figures.conclude(result, [], origin)

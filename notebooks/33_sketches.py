@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Sketches of post-processing: outliers and joined tracklets
+# # Sketches of post-processing: the printed rule also removes a correct position
 #
 # **The work.** Sketches of the thesis (sections 4.2.2 and 4.2.3, Figs 4.5 to 4.7, 4.9,
 # 4.10 and 4.14) show which positions of a tracklet are outliers, and how two tracklets
@@ -32,7 +32,7 @@ from kilnflight.tracklets.paths import read_paths, turns, velocities
 style.use_style()
 origin = figures.trace("33_sketches", {"scale": scale}, seed=seed, mark="example")
 save = partial(figures.save, provenance=origin)
-_, outliers, connection, _ = tracklets.STEPS
+outliers, connection = tracklets.STEPS[1:3]
 
 # %% [markdown]
 # ## Outliers
@@ -60,11 +60,11 @@ class SecondAlone(tracklets.OutlierRemoval):
     """Eq. 4.20 at the second position alone, not backwards from the last one."""
 
     def first_outlier(self, frame, place):
-        found = super().first_outlier(frame, place)
+        first = super().first_outlier(frame, place)
         speed = velocities(frame, place)
-        angle, change = turns(speed[1:2], speed[2:3])
-        sharp = (angle > self.angle_deg) & (change > self.change)
-        return 1 if found != 0 and sharp.any() else found
+        if first != 0 and self._turned(speed[1:2], speed[2:3]).any():
+            return 1
+        return first
 
 
 parts = []
@@ -79,6 +79,7 @@ for case, (steps, frames) in cases.items():
     sharp = np.flatnonzero((angle > outliers.angle_deg) & (change > outliers.change))
     part["turn_deg"] = [np.nan, *angle, np.nan]
     part["change_px_frame"] = [np.nan, *change, np.nan]
+    # Eq. 4.18 removes the position after the first turn.
     part["forwards"] = np.isin(np.arange(len(part)), sharp[:1] + 2)
     for column, rule in (("removed", outliers), ("alone", SecondAlone())):
         part[column] = rule(part.assign(particle=0))["particle"] < 0
@@ -254,7 +255,7 @@ lost = judged.groupby("case")["removed"].sum()
 one = lost[third]
 two = lost["six positions"]
 result = (
-    f"Situation 3 has {one} outlier (printed 1). Of six positions {two} go, one of "
-    "them correct."
+    f"Situation 3 has {one} outlier (printed 1). Of six positions with one outlier "
+    f"the rule removes {two}."
 )
 figures.conclude(result, [], origin)

@@ -13,7 +13,8 @@
 #
 # **One number.** Mean lateral velocity of cuboids: 0 mm/s printed, 0.14 mm/s here.
 #
-# **What disagrees.** Forbidding changes of sign does improve the prediction of cuboids.
+# **What disagrees.** Forbidding changes of sign does improve the prediction of cuboids:
+# the mean absolute error of LV-DSC is 14 % below that of CA-CA.
 
 # %% tags=["hide-input"]
 from functools import partial
@@ -115,7 +116,7 @@ for name, each in observed.items():
         quantities = (
             (f"R2 of a line, {word} speed", "1", 0.025),
             (f"gain of {word} speed, 400 to 750 mm", "%", 0.025),
-            # Three data sets at once.
+            # Two tails and three data sets at once (Bonferroni).
             (f"{word} lateral velocity", "mm/s", 0.05 / 6),
         )
         values = np.transpose(rows)
@@ -217,9 +218,11 @@ save("belt-lateral-differences", paper_2020.with_unit(pairs, "mm"), caption=capt
 # ## Sentences of the paper
 
 # %%
-by_set = [moves[moves["data_set"] == name].set_index("quantity") for name in DATA_SETS]
-r2 = by_set[1]["value"].filter(like="R2").set_axis(["mean", "median"])
-spheres, cuboids = (each[each["unit"] == "%"] for each in by_set[:2])
+of_spheres = moves[moves["data_set"] == "spheres"].set_index("quantity")
+of_cuboids = moves[moves["data_set"] == "cuboids"].set_index("quantity")
+r2 = of_cuboids["value"].filter(like="R2").set_axis(["mean", "median"])
+spheres = of_spheres[of_spheres["unit"] == "%"]  # gains of mean and median speed
+cuboids = of_cuboids[of_cuboids["unit"] == "%"]
 straight_line = bool((r2 > 0.9).all())
 least = spheres["low"] - cuboids["high"]
 most = spheres["high"] - cuboids["low"]
@@ -242,23 +245,26 @@ def judge(lateral, pairs):
     sure = sum(answer is True for answer in holds["belt20-8"])
     open_ones = sum(answer is None for answer in holds["belt20-8"])
     two = None
-    if not open_ones or not sure <= 2 <= sure + open_ones:
+    if not open_ones:
         two = sure == 2
+    elif sure > 2 or sure + open_ones < 2:
+        two = False
     # The ratio is best for all but cylinders.
     *best, of_cylinders = holds["belt20-10"]
     if of_cylinders is not None:
         of_cylinders = not of_cylinders
     best = claims.all_of(*best, of_cylinders)
-    everywhere = "It is worst by both measures everywhere."
-    measures = "For cuboids the MAE does not tell them apart."
-    by_mae = "For cuboids it is best by the MAE only."
-    lost = "Cuboids lose 87 % of the mean speed, spheres 42 %."
+    straight_on = "MAE of Straight (mm); MAE and IQR must agree."
+    accelerated = "MAE of CA-CA (mm); MAE and IQR must agree."
+    below = "Share of the MAE of CA-CA that LV-DSC saves; the IQR must agree."
+    by_ratio = "MAE of IA-Ratio (mm); MAE and IQR must agree."
+    line = "R2 of a line, cuboids; they must lose a larger share of speed than spheres."
     return [
-        claims.check("belt20-7", worst, mae["Straight"], everywhere),
-        claims.check("belt20-8", two, mae["CA-CA"], measures),
-        claims.check("belt20-9", no_gain, gain, "Share of the MAE; IQR alike."),
-        claims.check("belt20-10", best, mae["IA-Ratio"], by_mae),
-        claims.check("belt20-19", linear, r2, lost),
+        claims.check("belt20-7", worst, mae["Straight"], straight_on),
+        claims.check("belt20-8", two, mae["CA-CA"], accelerated),
+        claims.check("belt20-9", no_gain, gain, below),
+        claims.check("belt20-10", best, mae["IA-Ratio"], by_ratio),
+        claims.check("belt20-19", linear, r2, line),
     ]
 
 
@@ -273,17 +279,17 @@ verdicts = judge(lateral, pairs)
 # %%
 fast = paper_2020.resample_observed(tracks, observed)
 upstream = PredictionPhase(PHASE.start_mm - 15, PHASE.target_mm - 15)
-others = {"B2": (upstream, tracks), "B3": (PHASE, paper_2020.shake(fast, seed))}
+other_values = {"B2": (upstream, tracks), "B3": (PHASE, paper_2020.shake(fast, seed))}
 
 
-def of_cuboids(lateral):
+def errors_of_cuboids(lateral):
     """Return the mean absolute errors of three combinations for cuboids as text."""
     mae = lateral.set_index(["data_set", "model"])["mae_mm"]["cuboids"]
     return ", ".join(f"{name} {mae[name]:.3f}" for name in ("CA-CA", "LV-DSC", ratio))
 
 
 compared = []
-for choice, (phase, table) in others.items():
+for choice, (phase, table) in other_values.items():
     each = {name: phase.observe(part) for name, part in table.items()}
     part = paper_2020.compare_models(
         each, phase, lateral_deviations, min(draws, 20), seed
@@ -293,8 +299,8 @@ for choice, (phase, table) in others.items():
         choices.compare(
             choice,
             "lateral MAE of cuboids (mm)",
-            chosen=of_cuboids(lateral),
-            other=of_cuboids(part),
+            chosen=errors_of_cuboids(lateral),
+            other=errors_of_cuboids(part),
             turns=choices.turned(verdicts, judge(part, contrast(each, phase))),
         )
     )
