@@ -63,6 +63,8 @@ counts.reindex(columns=list(claims.VERDICTS), fill_value=0)
 
 # %% [markdown]
 # ## Why claims are not reproduced
+#
+# docs/limits.md says what each cause means, such as "twin" (the simulation).
 
 # %%
 table.loc[table["verdict"] == "not reproduced", "because"].value_counts()
@@ -78,7 +80,7 @@ caption = (
 figures.save("claims", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Was what was put in measured?
+# ## Do the methods measure what was put in?
 #
 # The tables of dwell time, velocity and ignition in one. The bound on measured minus
 # true is 10 % of a median and 5 points of a share. Recovered is "yes" if the 95 %

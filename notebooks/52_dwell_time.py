@@ -71,8 +71,8 @@ starting = rejecting.tables.flights[rejecting.tables.flights["from_lance"]]
 # time computed. Papers that rise burning into the edge "cannot be fully tracked, so
 # their flight and burning behavior cannot be analyzed": they are called lost and do not
 # count. What is lost within the view does not count, either: its end is not known. The
-# thesis rejects none (Fig. 5.23 shows negative velocities). Beside stand those that
-# `kilnflight run` would reject.
+# thesis rejects none (Fig. 5.23 shows negative velocities). The last columns count
+# those that `kilnflight run` would reject.
 
 
 # %%
@@ -104,8 +104,9 @@ figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 # The curves are the fits up to the end of the flight. A burnt-out particle ends with
 # its last detection; only papers burn out. A landing one ends where the fit meets the
 # wall. After the last detection the flight goes straight on, with the mean velocity of
-# the last 20 ms, for at most 50 ms and 0.3 m; these three numbers are ours. What has
-# not met the wall by then left the view, if it ends at its border, or is lost.
+# the last 20 ms, for at most 50 ms and 0.3 m; these three numbers are ours. A flight
+# that has not met the wall by then left the view if it ends at the border; else it is
+# lost.
 
 
 # %%
@@ -240,8 +241,8 @@ figures.save("dwell-recovery", beside.round(4), caption=caption, provenance=orig
 # %% [markdown]
 # ## Who lands first?
 #
-# The interval of a difference tells whether the order of two fractions is beyond
-# chance.
+# The order of two fractions is beyond chance if the 95 % interval of their difference
+# does not contain 0.
 
 # %%
 caption = (

@@ -243,7 +243,8 @@ def conclude(
             "measured",
             "reason",
         ]
-        body += judged[names].to_html(index=False, border=0)
+        shown = judged[names].rename(columns={"published": "claim"})
+        body += shown.to_html(index=False, border=0)
     else:
         body += "No claim is tested here."
     if compared:
