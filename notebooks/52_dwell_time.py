@@ -334,10 +334,7 @@ def judge(name):
     count = count.reindex(["recovered", "biased", "open"], fill_value=0)
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in count.items())
     right = f"{(most['verdict'] == 'recovered').sum()} of 4 shares"
-    chips = (
-        "Least end of any interval (s); chips at 4.5 bar have no interval (three "
-        "flights)."
-    )
+    chips = "Least end of an interval (s). Chips at 4.5 bar have none (3 flights)."
     granules = (
         "Least of four differences (s). The printed velocities make no shorter flights "
         "at 5 bar."

@@ -285,6 +285,7 @@ def false_share(traces, what):
     return intervals.share(int(heavy[what].sum()), int(heavy["unlit"].sum()))
 
 
+# %%
 def judge(false, recovery, orders):
     """Return the verdicts on saved tables of one choice."""
     confetti = recovery["fraction"] == "confetti"

@@ -53,6 +53,8 @@ origin = figures.trace("60_own_film", used, seed=seed, mark=mark)
 ROWS = (110, 1070)  # px, first and one past the last row of the part
 COLUMNS = (640, 1640)  # px, the same of its columns
 NEAR_PX = 20.0  # farthest distance of a hit
+BURNING = 2  # classes of particles in the air (Table 5.1 of the thesis)
+UNLIT = 3
 source = recording
 if not recording:
     twin = scenes.open_scene("paper-shred-4.5-bar", seed=seed)
@@ -170,10 +172,6 @@ shown
 
 
 # %%
-BURNING = 2  # classes of particles in the air (Table 5.1 of the thesis)
-UNLIT = 3
-
-
 def score(marked: pd.DataFrame) -> pd.DataFrame:
     """Return one row of scores; note which positions are found, which detections right.
 
@@ -195,6 +193,7 @@ def score(marked: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+# %%
 result = f"{len(lengths)} tracks hold {len(linked)} of {len(detections)} detections."
 shown = None
 if not recording:
