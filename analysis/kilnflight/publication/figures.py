@@ -233,8 +233,18 @@ def conclude(
     index.write({}, "notebooks", provenance.notebook, entry)
     body = f"<p>{html.escape(result)}</p>"
     if rows:
-        names = ["id", "verdict", "because", "measured", "reason"]
-        body += pd.DataFrame(rows)[names].to_html(index=False, border=0)
+        judged = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
+        names = [
+            "id",
+            "published",
+            "bound",
+            "verdict",
+            "because",
+            "measured",
+            "reason",
+        ]
+        shown = judged[names].rename(columns={"published": "claim"})
+        body += shown.to_html(index=False, border=0)
     else:
         body += "No claim is tested here."
     if compared:

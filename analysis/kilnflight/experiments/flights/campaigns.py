@@ -307,7 +307,10 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
 
 
 def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the flights from the lance (Fig. 4.21) that the run does not reject."""
+    """Return the flights from the lance (Fig. 4.21) that the run does not reject.
+
+    By default it rejects none.
+    """
     return kept(flights[flights["from_lance"]])
 
 

@@ -1,5 +1,7 @@
 """Ignition: flights whose grey value rises, and the optical picture (Fig. 5.17)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
@@ -7,53 +9,71 @@ from kilnflight.arrays import Array
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.experiments.flights.comparison import interval_columns
 from kilnflight.flight.empty import EMPTY_FRAMES
-from kilnflight.ignition import LEAST_POINTS, NONE, SEEN, SHARE, Ignition
+from kilnflight.ignition import LEAST_POINTS, NONE, SEEN, SHARE
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
 
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
 
 
+def before_the_end(tracks: pd.DataFrame, flights: pd.DataFrame) -> pd.DataFrame:
+    """Return the detections up to the end of each flight, in order of frames.
+
+    Later ones do not count, since the wall ignites all that land (5.1.1).
+
+    Parameters
+    ----------
+    tracks
+        Columns ``particle``, ``frame``, ``time_s``, and others that stay.
+    flights
+        Columns ``particle``, ``end_s`` (s).
+    """
+    ended = tracks.merge(flights[["particle", "end_s"]])
+    return ended[ended["time_s"] <= ended["end_s"]].sort_values("frame")
+
+
 def count_lit(
-    flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series, test: Ignition
+    flights: pd.DataFrame,
+    flying: pd.DataFrame,
+    outcomes: Mapping[int, str],
+    ignites: pd.Series,
 ) -> dict[str, float]:
-    """Return how many flights of a campaign light up.
+    """Count flights that ignite by the test, and how often it is right.
 
     "If the gray value increases abruptly, the particles can be assumed ignited"
-    (section 5.3.2): a particle that is light at first sight is not. The test is the
-    same for all fractions. Only detections before the end of a flight count: the wall
-    ignites all that land (5.1.1).
+    (section 5.3.2). A particle already bright at first sight has not ignited.
 
     Parameters
     ----------
     flights
-        Accepted flights from the lance.
-    tracks
-        Their detections: ``particle``, ``frame``, ``time_s``, ``gray``, and
-        ``background``, the grey value of the kiln behind.
+        Flights from the lance; column ``particle``.
+    flying
+        Their detections `before_the_end`: ``particle``, ``gray``, and ``background``,
+        the grey value of the kiln behind.
+    outcomes
+        Outcome of `kilnflight.ignition.Ignition` by particle. A flight without one has
+        too few points: all its detections are after its end.
     ignites
-        Whether the true particle ignites in flight, by track; tracks without one are
+        Whether the true particle ignites in flight, by track. Tracks of no particle are
         missing.
-    test
-        Of a rise of the grey values.
 
     Returns
     -------
     dict
-        Numbers of flights: ``light_up`` (by ``test``), ``light_at_first`` (its first
-        `LEAST_POINTS` detections are lighter than the kiln behind by `SHARE`),
-        ``too_few`` (points to judge); ``number``, ``estimate``, ``low``, ``high`` of
-        the share that lights up (Wilson). For ``unlit`` and ``lit``, judged flights
-        whose particle truly stays unlit or ignites: their number; ``_up`` that light
-        up; ``_light`` that light up or are light at first; ``_gray``, median grey value
-        along their flights.
+        Numbers of flights. ``light_up``: their grey values rise, by ``outcomes``.
+        ``light_at_first``: the first `LEAST_POINTS` detections are brighter than the
+        kiln behind by `SHARE`. ``too_few``: not judged. ``number``: all, with
+        ``estimate``, ``low`` and ``high`` of the share that lights up (Wilson).
+
+        ``unlit`` and ``lit``: judged flights whose particle truly stays unlit or
+        ignites. Of these ``_up`` light up, ``_light`` light up or are light at first,
+        and ``_gray`` is the median of their median grey values.
     """
-    ended = tracks.merge(flights[["particle", "end_s"]])
-    flying = ended[ended["time_s"] <= ended["end_s"]].sort_values("frame")
-    traces = _traces(flying, test).reindex(flights["particle"])
-    rises = traces["outcome"] == SEEN
-    few = ~rises & (traces["outcome"] != NONE)
-    at_first = traces["at_first"].eq(True)  # no detection: missing
+    outcome = pd.Series(outcomes, dtype=object).reindex(flights["particle"])
+    traces = _traces(flying).reindex(outcome.index)
+    rises = outcome == SEEN
+    few = ~rises & (outcome != NONE)
+    at_first = traces["at_first"].eq(True)  # NaN: no detection
     share = intervals.share(int(rises.sum()), len(flights))
     count: dict[str, float] = {
         "light_up": rises.sum(),
@@ -63,28 +83,22 @@ def count_lit(
     }
     truly = ignites.reindex(traces.index)
     for name, burns in (("unlit", False), ("lit", True)):
-        kind = ~few & truly.eq(burns)
-        count[name] = kind.sum()
-        count[f"{name}_up"] = (kind & rises).sum()
-        count[f"{name}_light"] = (kind & (rises | at_first)).sum()
-        count[f"{name}_gray"] = traces.loc[kind, "gray"].median()
+        judged = ~few & truly.eq(burns)
+        count[name] = judged.sum()
+        count[f"{name}_up"] = (judged & rises).sum()
+        count[f"{name}_light"] = (judged & (rises | at_first)).sum()
+        count[f"{name}_gray"] = traces.loc[judged, "gray"].median()
     return count
 
 
-def _traces(flying: pd.DataFrame, test: Ignition) -> pd.DataFrame:
-    """Return ``outcome`` of the test, ``at_first`` and median ``gray``, by particle."""
-    by_particle = flying.groupby("particle")
-    outcome = {
-        particle: test(one["time_s"], one["gray"], one["background"]).outcome
-        for particle, one in by_particle
-    }
-    first = by_particle.head(LEAST_POINTS)
-    lighter = first["gray"] > (1.0 + SHARE) * first["background"]
+def _traces(flying: pd.DataFrame) -> pd.DataFrame:
+    """Return ``at_first`` (bright at first sight) and median ``gray``, by particle."""
+    first = flying.groupby("particle").head(LEAST_POINTS)
+    brighter = first["gray"] > (1.0 + SHARE) * first["background"]
     return pd.DataFrame(
         {
-            "outcome": pd.Series(outcome, dtype=object),
-            "at_first": lighter.groupby(first["particle"]).all(),
-            "gray": by_particle["gray"].median(),
+            "at_first": brighter.groupby(first["particle"]).all(),
+            "gray": flying.groupby("particle")["gray"].median(),
         }
     )
 
