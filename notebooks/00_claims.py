@@ -31,6 +31,7 @@ from kilnflight.experiments import errata
 from kilnflight.publication import claims, figures, verdicts
 from kilnflight.store import paths
 
+pd.set_option("display.max_colwidth", None)  # sentences are shown whole
 chapters = {
     "bg": "Background models",
     "sift": "SIFT",

@@ -89,8 +89,9 @@ figures.save(
 # The summary says which settings were taken, and why.
 
 # %%
+kept = paths.derived() / f"own-film-{film.content()}"  # one folder for each film
 with redirect_stdout(io.StringIO()):  # the summary is shown below
-    tables = kilnflight.run(film, paths.derived() / "own-film", detector=detector)
+    tables = kilnflight.run(film, kept, detector=detector)
 detections = tables["detections"]
 tracks = tables["tracks"]
 index = np.array([film.frame(t).index for t in range(len(film))])  # frames from 0
@@ -234,8 +235,12 @@ if not recording:
     right = detections.set_index(["frame", "row", "col"])["right"]
     judged = linked.join(right, on=["frame", "row", "col"])
     extent = judged.groupby("particle")[["row", "col"]].transform(np.ptp).max(axis=1)
-    resting = (extent < 3).map({True: "rest", False: "move"})
-    shown = pd.crosstab(resting, judged["right"].map({True: "right", False: "false"}))
+    shown = pd.crosstab(
+        (extent < 3).map({True: "rests", False: "moves"}),
+        judged["right"].map({True: "right", False: "false"}),
+        rownames=["track"],
+        colnames=["detections"],
+    )
 shown
 
 # %%
