@@ -1,16 +1,16 @@
 # %% [markdown]
-# # Pictures of the belt: what the tracker sees and how it decides
+# # Pictures of the belt: the tracked velocities are off by 11 mm/s
 #
 # **The work.** The 2016 paper (sections II.B and IV.B) renders pictures of its
 # simulated belt. It finds particles as connected areas, calibrates by the belt's
 # corners, and assigns measurements to tracks by a matrix of likelihoods.
 #
 # **Here.** The authors' public tracks of spheres, rendered at 200 frames/s, are
-# measured and tracked in the same way. Places and velocities stand beside the authors'
-# own.
+# measured and tracked in the same way (`paper_2016.track_pictures`: corners,
+# calibration, spots, tracker). Places and velocities stand beside the authors' own.
 #
 # **One number.** Scale of the pictures at the belt: 0.44 mm/px printed, 0.44 mm/px
-# here.
+# here. (It was put in, and tests the calibration alone.)
 #
 # **What disagrees.** Nothing that is tested here.
 

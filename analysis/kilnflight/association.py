@@ -58,6 +58,7 @@ class Pairs(NamedTuple):
 
 # An associator returns weights (p,): probabilities, or flags for 0 and 1.
 Associator = Callable[[Pairs], Array | Flags]
+SMALLEST = 2.3e-308  # no smaller float has all its digits
 MOST_ENTRIES = 2**20  # entries in the tables of one group; they take 0.1 s a frame
 LARGE = 2**12  # table entries above which it pays to look for a better order
 _Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its vertices
@@ -376,7 +377,9 @@ def _marginals(
     """Return the probabilities of p pairs (p,) and of n missed tracks (n,).
 
     The n tracks and, after them, the m detections are vertices of a graph. Its edges
-    are the pairs whose detection several tracks can have.
+    are the pairs that depend on others (`_thinned`). All that a track can do outside
+    the graph, to be missed or to take a detection of its own, is one weight, ``alone``.
+    The graph gives its probability, which is then shared out in proportion.
 
     Parameters
     ----------
@@ -398,12 +401,12 @@ def _marginals(
     for order in thinned.orders:
         chances |= _sum_events(order, thinned.graph, single)
     without = np.array([chances.get((v, v), 1.0) for v in range(n)])
-    scale = without / np.maximum(alone, 2.3e-308)
+    scale = without / np.maximum(alone, SMALLEST)
     pairs = pairs * scale[i]
     missed = weights.missed * scale
     edges = zip(i[shared], n + j[shared], strict=True)
     pairs[shared] = [chances[edge] for edge in edges]
-    total = missed + np.bincount(i, pairs, n)
+    total = missed + np.bincount(i, pairs, n)  # 1 but for rounding
     return pairs / total[i], missed / total
 
 

@@ -61,7 +61,7 @@ class DepthCalibration:
         Parameters
         ----------
         pairs
-            (n, 2) captured and true depth of n plates, at least two, in mm.
+            (n, 2) captured and true depth of a plate at n distances, at least two, mm.
 
         Raises
         ------

@@ -301,10 +301,10 @@ def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
 def order_tracks(
     table: pd.DataFrame, where: str, clock: str = "frame"
 ) -> tuple[Index, Whole, Any]:
-    """Return rows, particles and times of tracks, by particle and time.
+    """Return row numbers, particles and times of tracks, sorted by particle and time.
 
-    Rows of particle -1 are in no track. Times are whole frames, or floats of another
-    ``clock``.
+    Rows of particle -1, in no track, are left out. ``where`` begins an error. Times are
+    whole frames, or floats of another ``clock``.
 
     Raises
     ------

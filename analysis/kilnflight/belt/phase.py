@@ -392,10 +392,10 @@ def evaluate(
     return pd.DataFrame(rows)
 
 
-def draw_particles(particles: int, size: int, generator: np.random.Generator) -> Flags:
-    """Return which of n particles (n,) are drawn, ``size`` of them."""
-    drawn = np.zeros(particles, dtype=bool)
-    drawn[generator.choice(particles, size, replace=False)] = True
+def draw_particles(count: int, size: int, generator: np.random.Generator) -> Flags:
+    """Return which of ``count`` particles are drawn to calibrate, ``size`` of them."""
+    drawn = np.zeros(count, dtype=bool)
+    drawn[generator.choice(count, size, replace=False)] = True
     return drawn
 
 

@@ -91,6 +91,7 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
     check_number(high - low, "otsu_threshold: range of the values", below=_LEVELS)
     if low == high:
         return low
+    # Unsafe, as unsigned values of 64 bits do not fit; their differences do.
     counts = np.bincount(np.subtract(levels, low, dtype=np.intp, casting="unsafe"))
     return low + int(np.argmax(_criterion(counts)))
 

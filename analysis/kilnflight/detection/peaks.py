@@ -145,7 +145,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
         for col in range(1, width - 1):
             value = area[row, col]
             if value - least < prominence or (row == top and col == left):
-                continue
+                continue  # the highest one was judged above
             if value < area[row, col - 1] or value < area[row, col + 1]:
                 continue
             if _stands_out(area, (row, col), prominence, visited, stack):
@@ -173,11 +173,12 @@ def _stands_out(
     visited: Whole,
     stack: Whole,
 ) -> bool:
-    """Return whether no higher pixel can be reached from ``place`` without a descent.
+    """Return whether no higher pixel can be reached from ``place`` (flood fill).
 
-    ``place`` is row and column in the area (rows, cols); a descent is one by the
-    prominence or more. An equal pixel that comes first counts as higher. ``visited``
-    (rows, cols) and ``stack`` (pixels, 2) are scratch memory. Before the first call
+    ``place`` is row and column in the area (rows, cols). The way goes by neighbouring
+    pixels that are less than the prominence below ``place``. An equal pixel that comes
+    first counts as higher. ``visited`` (rows, cols) and ``stack`` (pixels, 2) are
+    scratch memory. Before the first call
     ``visited`` is 0; a pixel then holds the number of the place that visited it last.
     """
     row, col = place

@@ -127,6 +127,7 @@ class DoG:
         check_number(self.threshold, "DoG: threshold", least=0)
         check_number(self.camera_blur, "DoG: camera_blur", least=0, most=SIGMA_PX)
         check_number(self.edge, "DoG: edge", least=1)
+        check_number(self.enlarge, "DoG: enlarge", least=1, most=4, whole=True)
 
     def __call__(
         self, foreground: npt.ArrayLike, within: Polygon | None = None

@@ -24,7 +24,7 @@ MOST_MM = 50_000.0  # nor so deep
 
 
 def _facts(frame: Frame) -> dict[str, Any]:
-    """Return what a frame holds; of its pixels the share that is as bright as any."""
+    """Return what a frame holds; ``saturated``: share of pixels at its maximum."""
     z = frame.xyz[:, 2]
     brightest = frame.gray.max()
     return {
@@ -67,7 +67,7 @@ def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
         far = each["farthest_mm"].max()
         rows.append(("depth", f"{near:.0f} to {far:.0f} mm, {how}"))
         if near < LEAST_MM or far > MOST_MM:
-            told = "depths: is the unit right, is the invalid value?"
+            told = "depths: are they in mm, and is the invalid value left out?"
             rows.append(("warning", told))
     return pd.DataFrame(rows, columns=["what", "value"])
 

@@ -87,7 +87,8 @@ def track_detections(
     post_processing
         Whether tracklets are joined and filtered. None: where there is depth.
     max_step
-        Longest step of a particle in px a frame; None: estimated without depth.
+        Longest step of a particle in px a frame. None: estimated, or, with
+        post-processing, that of the kiln.
     memory
         Frames in a row that a track may miss.
     progress
@@ -96,7 +97,9 @@ def track_detections(
     Returns
     -------
     DataFrame
-        The detections with the column ``particle``; -1 means in no track.
+        The detections with the column ``particle``; -1 means in no track. Columns y and
+        x become row and col. Frames in steps are counted from 0, and ``number`` is the
+        one that was given. Post-processing averages positions that tracklets share.
 
     Raises
     ------

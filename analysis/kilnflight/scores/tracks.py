@@ -187,12 +187,12 @@ def _paired(
 ) -> pd.DataFrame:
     """Return the table ``pairs`` of `TrackScore` for true tracks i and others j.
 
-    ``distance`` is by true track.
+    ``distance`` is by true track, summed over frames, in the unit of the gate.
     """
     pairs = {
         "truth": np.array([true[k].particle for k in i], np.int64),
         "candidate": np.array([other[k].particle for k in j], np.int64),
-        "distance": np.maximum(distance.to_numpy()[i], 0.0),
+        "distance": np.maximum(distance.to_numpy()[i], 0.0),  # against rounding
     }
     return pd.DataFrame(pairs).sort_values("truth", ignore_index=True)
 

@@ -105,7 +105,11 @@ class LearnedSettings:
 def settings_from_labels(
     scale: str, seed: int = 0, scenario: str = "base"
 ) -> LearnedSettings:
-    """Return threshold, wall and limit found on labelled frames of a scale, cached."""
+    """Return threshold, wall and limit of the air found on labelled frames, cached.
+
+    ``scale`` and ``scenario`` are those of
+    `kilnflight.experiments.detection.labelled.labelled_subsets`.
+    """
     make = partial(_settings, scale, seed, scenario)
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
     row = CachedTable("settings", make, depends_on)().to_dict("records")[0]
@@ -231,10 +235,11 @@ def flight_frames(twin: Twin) -> tuple[Array, Array]:
 
 
 def busiest(begin: Array, end: Array, count: int, total: int) -> range:
-    """Return the frames of a recording in which most flights begin and end.
+    """Return the frames of a recording that contain the most whole flights.
 
-    Of equal windows the one with the longest time in flight is taken, then the first.
-    The times of release and end are known before any frame is rendered.
+    Windows begin at frame 0 or with a flight. Of equal windows the one with the longest
+    time in flight is taken, then the first. The times of release and end are known
+    before any frame is rendered.
 
     Parameters
     ----------
@@ -246,9 +251,9 @@ def busiest(begin: Array, end: Array, count: int, total: int) -> range:
     count = min(count, total)
     starts = np.clip(np.append(np.floor(begin), 0.0), 0, total - count)
     first = np.unique(starts)[:, None]
-    last = first + count
-    whole = ((begin >= first) & (end < last)).sum(axis=1)
-    flown = np.clip(np.minimum(end, last) - np.maximum(begin, first), 0.0, None)
+    stop = first + count
+    whole = ((begin >= first) & (end < stop)).sum(axis=1)
+    flown = np.clip(np.minimum(end, stop) - np.maximum(begin, first), 0.0, None)
     best = int(first[np.lexsort((-flown.sum(axis=1), -whole))[0], 0])
     return range(best, best + count)
 

@@ -62,7 +62,10 @@ def handfuls(
 
 
 def feed_campaign(scene: Scene) -> Life:
-    """Draw the particles of a campaign, fed in handfuls."""
+    """Draw the life of a campaign's particles: fed in handfuls, then flight and fire.
+
+    The order of the draws fixes every simulated recording.
+    """
     generator = np.random.default_rng([scene.seed, 0])
     duration_s = scene.frames / scene.frame_rate_hz
     release_s = handfuls(scene.count, scene.handful, duration_s, generator)

@@ -424,6 +424,10 @@ class LensWall:
     ) -> Sight:
         """Return the particles of a frame as the lenses see them.
 
+        Contrast is measured in blocks, 3 x 3 for each lens. A block whose contrast
+        stands out from noise and wall has depth. Then each lens weighs the depth of its
+        particles against that of the wall.
+
         Parameters
         ----------
         view
@@ -432,9 +436,15 @@ class LensWall:
             Error of each particle's depth at high contrast in mm, (particles,).
         random
             Draws which pixels get a point.
+
+        Returns
+        -------
+        Sight
+            Weights and depths by lens, and the pixels that get a particle's depth.
         """
         camera = self.camera
         lattice = self.lattice
+        # Which blocks particles cover, and by how much.
         pixels = view.pixels.take(view.pixels.radius <= MARKED_RADIUS)
         blob = pixels.blob
         block = lattice.block_of(pixels.place)
@@ -442,13 +452,15 @@ class LensWall:
         near = np.flatnonzero(count)  # elsewhere there is only the wall
         variance, mean = measure_contrast(view.picture, lattice, FULL_SCALE, count > 0)
         covered = np.minimum(count / lattice.block_px**2, 1.0)
+        # What of the contrast is the particles' own.
         wall_variance = self.variance * (1 - covered)  # what is hidden has no contrast
-        behind = wall_variance.take(near)
-        own = np.maximum(variance.take(near) - behind, 0.0)
+        variance_behind = wall_variance.take(near)
+        own_variance = np.maximum(variance.take(near) - variance_behind, 0.0)
         noise = self.background.optics.noise(mean.take(near))
-        over_noise = np.sqrt(own) / noise
+        over_noise = np.sqrt(own_variance) / noise
+        # Where that is enough for a depth; ``clear`` compares standard deviations.
         resolved = over_noise >= camera.contrast
-        resolved &= own >= camera.clear**2 * behind  # squared, as both are variances
+        resolved &= own_variance >= camera.clear**2 * variance_behind
         contrast = np.zeros(count.size)
         contrast[near] = over_noise
         with_depth = lattice.pixels_of(near[resolved])
@@ -460,7 +472,7 @@ class LensWall:
         depth /= np.maximum(count, 1e-6)  # 0 / 0 where there is no particle
         # A uniform body has no contrast, yet it hides the wall: it gets a small weight.
         body = np.zeros(count.size, np.float32)
-        body[near] = np.sqrt(own) + FLOOR * noise * covered.take(near)
+        body[near] = np.sqrt(own_variance) + FLOOR * noise * covered.take(near)
         return Sight(
             own=body.take(self.centre) ** camera.dominance,
             wall=np.sqrt(wall_variance.take(self.centre)) ** camera.dominance,
