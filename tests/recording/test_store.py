@@ -125,6 +125,16 @@ def test_the_summary_counts_what_the_frames_hold(small):
         )
 
 
+def test_depths_at_the_limits_are_no_cause_for_a_warning(small):
+    original = small.frame
+    for nearest, farthest, warned in [(100, 50_000, 0), (99, 5e4, 1), (100, 50_001, 1)]:
+        xyz = np.float32([[0.0, 0.0, nearest], [0.0, 0.0, farthest]])
+        given = {"xyz": xyz, "pixels": np.int32([[0, 0], [0, 1]])}
+        small.frame = lambda t, given=given: replace(original(t), **given)
+        facts = summarise_recording(small)
+        assert (facts["what"] == "warning").sum() == warned
+
+
 def test_a_killed_process_leaves_nothing_that_opens(small, target, same_frame):
     script = f"""
 import os, signal, sys

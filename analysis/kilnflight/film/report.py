@@ -67,7 +67,7 @@ def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
         far = each["farthest_mm"].max()
         rows.append(("depth", f"{near:.0f} to {far:.0f} mm, {how}"))
         if near < LEAST_MM or far > MOST_MM:
-            told = "depths: are they in mm, and is the invalid value left out?"
+            told = "depths: is the unit mm, and is the invalid value left out?"
             rows.append(("warning", told))
     return pd.DataFrame(rows, columns=["what", "value"])
 
