@@ -120,11 +120,11 @@ def test_a_threshold_from_the_noise(stored):
     noisy = np.abs(np.random.default_rng(0).normal(0, 100, (256, 256))).astype(
         np.float32
     )
-    noise = block_noise(noisy)
-    assert block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
+    noise = block_noise(noisy, 1)
+    assert block_noise(3 * noisy, 1) == pytest.approx(3 * noise, rel=1e-4)
     assert 2 < noise < 40  # of the difference of Gaussians, not of the pixels
     noisy[100:110, 100:110] += 20_000
-    assert block_noise(noisy) == pytest.approx(noise, rel=0.1)
+    assert block_noise(noisy, 1) == pytest.approx(noise, rel=0.1)
 
 
 def test_another_content_is_another_source(stored, prepare, tmp_path):

@@ -17,7 +17,7 @@ MIDDLE_PX = (2048, 3072)  # rows and columns of an enlarged picture that are loo
 PER_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median size
 
 
-def block_noise(foreground: Single, enlarge: int = 1) -> float:
+def block_noise(foreground: Single, enlarge: int) -> float:
     """Return the noise of a foreground's finest layer of DoG, in a noisy block.
 
     Parameters
