@@ -141,6 +141,19 @@ def test_the_lance_stands_where_its_points_are(twin):
     assert np.mean(near) == pytest.approx(lance[2], abs=3 * error / np.sqrt(len(near)))
 
 
+def test_the_plate_scatters_most_near_3_m():
+    camera = LensCamera()
+    relative = camera.wall_scale([1000.0, 2299.0, 3701.0, 9000.0])
+    share = relative[0] / 1000.0
+    np.testing.assert_allclose(relative, share * np.array([1000.0, 2299, 3701, 9000]))
+    most = camera.wall_scale([2700.0, 3000.0, 3300.0])
+    np.testing.assert_allclose(most, most[0])
+    assert most[0] > 2 * share * 3000.0
+    between = camera.wall_scale([2500.0, 3500.0])
+    halfway = (most[0] + share * np.array([2300.0, 3700.0])) / 2
+    np.testing.assert_allclose(between, halfway)
+
+
 def test_one_calibration_serves_all_recordings_of_a_seed():
     first, other = scenes.open_scene("V1"), scenes.open_scene("pe-granule-5.0-bar")
     assert first.lance_seen_mm == other.lance_seen_mm != PLACE.lance_depth_mm
