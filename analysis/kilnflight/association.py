@@ -523,10 +523,9 @@ def _orders(graph: _Graph, most: int) -> list[tuple[list[int], float]]:
 def _order(graph: _Graph, start: int, most: int) -> tuple[list[int], float]:
     """Return a greedy elimination order of a group's vertices, and its table entries.
 
-    The vertex removed next is the one by which
-    the frontier grows least. The frontier are the remaining vertices with a removed
-    neighbour; a table has 2^size(frontier) entries. Above ``most`` entries the rest is
-    in any order.
+    The vertex removed next is the one by which the frontier grows least. The frontier
+    are the remaining vertices with a removed neighbour; a table has 2^size(frontier)
+    entries. Above ``most`` entries the rest is in any order.
     """
     order = list[int]()
     frontier = set[int]()
