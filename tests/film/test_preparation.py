@@ -6,7 +6,7 @@ from kilnflight.film.preparation import choose_enlargement
 
 
 class Counted:
-    """Looks at a film that shows given numbers of spots at 1, 2 and 4 times its size."""
+    """Looks that show given numbers of spots at 1, 2 and 4 times their size."""
 
     def __init__(self, *numbers):
         self.numbers = dict(zip((1, 2, 4), numbers, strict=True))
