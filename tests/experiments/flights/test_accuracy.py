@@ -14,7 +14,7 @@ LEARNED = LearnedSettings(
 )
 TRUE = pd.DataFrame(
     {
-        "particle": [10, 11, 12],
+        "particle": [0, 11, 12],
         "true_ending": ["burnt out", "landed", "landed"],
         "true_dwell_s": [0.3, 0.4, 0.5],
         "true_velocity_m_s": [5.0, 6.0, 7.0],
@@ -40,9 +40,9 @@ SLICES = pd.DataFrame(
 
 
 def test_flights_beside_the_truth():
-    owners = pd.Series({1: 10, 2: 10, 3: -1, 4: 11})
+    owners = pd.Series({1: 0, 2: 0, 3: -1, 4: 11})
     both = compare(FlightTables(FLIGHTS, SLICES, owners), TRUE)
-    assert both["particle"].tolist() == [10, 11, 12, -1]  # false flights come last
+    assert both["particle"].tolist() == [0, 11, 12, -1]  # false flights come last
     assert both["track"].tolist() == [1, -1, -1, 3]  # the longest of a particle
     assert both.loc[0, ["measured_dwell_s", "true_dwell_s"]].tolist() == [0.32, 0.3]
     assert both["true_dwell_s"].notna().tolist() == [True, True, True, False]
