@@ -53,8 +53,9 @@ origin = figures.trace(
 # These are the main inputs; small ones stand in the code. "Published" ones stand in the
 # thesis, "handbook" ones in another source. "Fitted" ones were set by printed numbers:
 # flights and errors of depth by sections 5.2 and 5.3, light by Otsu's row of Table 5.5,
-# Fig. 5.5 and Fig. 3.12. No other detector took part in a fit, but what it finds was
-# known from trials (notebook 01). An assumption has no source.
+# Fig. 5.5 and Fig. 3.12. One printed number alone "identified" an input. No other
+# detector took part in a fit, but what it finds was known from trials (notebook 01). An
+# assumption has no source.
 
 # %%
 table = pd.read_csv(inputs[0], keep_default_na=False)

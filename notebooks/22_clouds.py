@@ -204,7 +204,10 @@ def clustered(clusterer, view):
 
 
 def attempt(subsets, clusterers):
-    """Return the attempts of clusterers, with the background of fewest frames."""
+    """Score clusterers; "search" only times the search that all settings of QCC share.
+
+    The background, which no cloud needs, is the one of fewest frames.
+    """
     search = labelled.search_neighbors
     methods = {("search", 0): lambda view: search(view.xyz)[:0, :2]}  # detects nothing
     methods |= {key: partial(clustered, each) for key, each in clusterers.items()}

@@ -374,7 +374,9 @@ def joint_probabilities(
 def _marginals(
     i: Index, j: Index, log_pairs: Array, log_missed: Array, most: int
 ) -> tuple[Array, Array]:
-    """Return the probabilities of p pairs (p,) and of n missed tracks (n,).
+    """Return the probabilities of p pairs (p,) and of n missed tracks (n,), of JPDA.
+
+    They are exact unless a group exceeds ``most``.
 
     The n tracks and, after them, the m detections are vertices of a graph. Its edges
     are the pairs that depend on others (`_thinned`). All that a track can do outside
@@ -397,6 +399,7 @@ def _marginals(
     shared = thinned.shared
     alone = weights.missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
     single = np.append(alone, weights.unused)
+    # By edge, and (v, v) for a vertex v without an edge.
     chances = dict[tuple[int, int], float]()
     for order in thinned.orders:
         chances |= _sum_events(order, thinned.graph, single)

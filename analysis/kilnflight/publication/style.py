@@ -186,7 +186,7 @@ def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
 def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     """Draw box plots from their quartiles and whiskers, without outliers.
 
-    Above each box stands q75 - q25, since flat boxes look like lines.
+    Above each whisker stands q75 - q25, since flat boxes look like lines.
 
     Parameters
     ----------

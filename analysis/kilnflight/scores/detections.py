@@ -149,7 +149,7 @@ def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
         (rows, cols) integers: the particle labelled in each pixel; other numbers are
         background.
     particles
-        (n,) the particles of the truth, each once and with pixels.
+        (n,) the particles of the truth, each once; NaN for one without pixels.
     """
     row, col = np.nonzero(np.isin(image, particles))
     pixels = pd.DataFrame({"row": row, "col": col}, dtype=np.float64)

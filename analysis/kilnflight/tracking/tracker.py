@@ -245,7 +245,7 @@ def steps(
     """
 
     def associate(tracks: Tracks, detected: Detected, pairs: Pairs) -> Any:
-        return associator(pairs), {}, {}
+        return associator(pairs), {}, {}  # no extra columns
 
     frames = read_detections(detections)
     yield from follow(
