@@ -83,10 +83,36 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
         raise OSError(f"{name}: no connection")
 
     monkeypatch.setattr(data, "fetch", nothing)
+    monkeypatch.setattr(data, "fetch_labelled", nothing)
     assert data.main(arguments) == code
     output = "".join(capsys.readouterr())
     assert "own simulation" in output
     assert len(output.splitlines()) == 1
+
+
+def test_the_first_download_is_pinned_beside_the_file(tmp_path):
+    path = tmp_path / "set.zip"
+    path.write_bytes(CONTENT)
+    assert data.pin(path) == data.pin(path) == hashlib.sha256(CONTENT).hexdigest()
+    path.write_bytes(CONTENT[:3])
+    with pytest.raises(InputError, match=r"set\.zip"):
+        data.pin(path)
+
+
+def test_labelled_frames_are_named_or_lie_where_they_were_unpacked(
+    folder, monkeypatch, tmp_path
+):
+    monkeypatch.delenv("KILNFLIGHT_LABELLED", raising=False)
+    assert data.labelled_manifest() is None
+    unpacked = folder / "Data_Set_2D_3D_Particle_Detection" / "labelled.toml"
+    unpacked.parent.mkdir(parents=True)
+    unpacked.write_text("")
+    assert data.labelled_manifest() == unpacked
+    monkeypatch.setenv("KILNFLIGHT_LABELLED", str(tmp_path / "mine.toml"))
+    with pytest.raises(InputError, match=r"mine\.toml"):
+        data.labelled_manifest()
+    (tmp_path / "mine.toml").write_text("")
+    assert data.labelled_manifest() == tmp_path / "mine.toml"
 
 
 def test_the_pinned_files_are_the_authors(authors_data):
