@@ -118,3 +118,44 @@ def test_labelled_frames_are_named_or_lie_where_they_were_unpacked(
 def test_the_pinned_files_are_the_authors(authors_data):
     for name in data.BELT_DEM.values():
         assert data.find(name) == authors_data / name
+
+
+class Record:
+    """A record of an archive with two files, in place of Zenodo."""
+
+    def __init__(self, folder, base_url):
+        self.folder = folder
+        self.base_url = base_url
+        self.registry_files = []
+
+    def load_registry_from_doi(self):
+        self.registry_files = [data.LABELLED_ARCHIVE, "part.zip"]
+
+    def fetch(self, name, progressbar):
+        assert name in self.registry_files
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / name
+        path.write_bytes(CONTENT + self.base_url.encode())
+        return str(path)
+
+
+def test_labelled_frames_are_fetched_once_and_their_parts_when_asked(
+    folder, monkeypatch, capsys
+):
+    asked = []
+
+    def create(path, base_url):
+        asked.append(base_url)
+        return Record(path, base_url)
+
+    monkeypatch.setattr("pooch.create", create)
+    (archive,) = data.fetch_labelled(every=False)
+    assert data.pin(archive) in capsys.readouterr().out
+    assert data.fetch_labelled(every=False) == [archive]
+    assert asked == [data.LABELLED_DOI]
+    archive.with_name(f"{archive.name}.sha256").unlink()
+    names = [path.name for path in data.fetch_labelled(every=True)]
+    assert names == [data.LABELLED_ARCHIVE, "part.zip"]
+    archive.write_bytes(b"other")
+    with pytest.raises(InputError, match=archive.name):
+        data.fetch_labelled(every=False)
