@@ -36,6 +36,7 @@ import scipy.io
 
 from kilnflight import background
 from kilnflight.detection import wall
+from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.publication import claims, data, figures, notebooks
 from kilnflight.recording import survey
@@ -141,20 +142,63 @@ clusters = defaultdict(labelled.SharedClusters)
 of_all = chapter.detect(subsets, labelled.OURS, clusters)
 
 # %% [markdown]
-# ## The wall, and who is in the air (Tables 5.12 to 5.14)
+# Otsu's threshold and SIFT by subset (Tables 5.5 and 5.6):
+
+# %%
+parts = []
+for method, name in {"2D-OTSU": "table_5.5", "2D-SIFT": "table_5.6"}.items():
+    own = of_all[of_all["method"] == method]
+    table = summaries.with_total(own, ["method", "subset"])
+    parts.append(summaries.beside_published(table.drop(columns="method"), name))
+    parts[-1].insert(0, "method", method)
+table = pd.concat(parts).drop(columns="seconds_per_image").assign(source=source)
+caption = (
+    f"Otsu's threshold and SIFT on {frames} labelled frames ({source}), by subset and "
+    "in total, beside Tables 5.5 and 5.6; scoring distance 45 px."
+)
+figures.save("labelled-pictures", table, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## The wall, and who is in the air (Tables 5.2 and 5.12 to 5.14)
+#
+# A particle has 3D if a point lies in its pixels. Detections are those of SIFT with
+# DBSCAN.
 
 # %%
 walls = notebooks.borrow("25_wall")
 fit = wall.fit_cylinder(labelled.wall_points(subsets[0]), seed)
-walls.marked = labelled.place_marked(subsets, fit)
-placed = walls.marked.dropna(subset="distance_mm")
+marked = labelled.place_marked(subsets, fit)
+placed = marked.dropna(subset="distance_mm")
 on_wall = placed["label"] == 4
 limit = wall.crossing(placed["distance_mm"][~on_wall], placed["distance_mm"][on_wall])
+walls.marked = marked
 walls.thresholds = {"crossing_plus_40": limit + 40.0}
 walls.roi = subsets[0].recording.attributes.roi
-in_air = walls.classify(walls.marked).set_index("subset")["f1"]
+thresholds = of_all.groupby("subset")["threshold"].first()
+parts = []
+for subset in subsets:
+    detector = Combination(labelled.sift(float(thresholds[subset.name])))
+    for view in subset.views():
+        spots = detector(view, subset.recording.attributes.roi, view.number)
+        parts.append(spots.assign(subset=subset.name))
+detected = labelled.with_distance(pd.concat(parts, ignore_index=True), fit)
+
+# %%
 radius = claims.published("table_5.12").set_index("quantity")["value_mm"]["Radius"]
-print(f"Radius of the wall: {radius} mm printed, {fit.radius_mm:.0f} mm here.")
+share = 100 * marked["distance_mm"].notna().groupby(marked["label"]).mean()
+of_print = claims.published("table_5.2")["percentage_with_3d_info"].str.rstrip("%")
+table = pd.DataFrame(
+    {
+        "quantity": [*(f"class {k} with 3D (%)" for k in share.index), "radius (mm)"],
+        "published": [*(float(of_print[k - 2]) for k in share.index), float(radius)],
+        "here": [*share, fit.radius_mm],
+    }
+).assign(source=source)
+caption = (
+    f"Share of the marked particles with 3D ({source}, in the region of interest; "
+    "Table 5.2 has all) and radius of the fitted cylinder (Table 5.12)."
+)
+figures.save("labelled-depth", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Printed, these frames, simulated
@@ -221,11 +265,14 @@ caption = (
 figures.save("labelled-frames", found, caption=caption, provenance=origin)
 
 # %%
-table = pd.DataFrame({"f1": in_air}).reset_index()
-table = summaries.beside_published(table, "table_5.13").assign(source=source)
+parts = []
+for name, spots in {"table_5.13": marked, "table_5.14": detected}.items():
+    table = summaries.beside_published(walls.classify(spots), name)
+    parts.append(table.assign(table=name))
+table = pd.concat(parts).assign(source=source)
 caption = (
-    f"Marked particles with 3D classified as in the air ({source}), after Table 5.13: "
-    f"limit at {limit + 40:.0f} mm from the fitted axis."
+    f"Marked particles with 3D, and detections, classified as in the air ({source}), "
+    f"after Tables 5.13 and 5.14: limit at {limit + 40:.0f} mm from the fitted axis."
 )
 figures.save("labelled-in-air", table, caption=caption, provenance=origin)
 

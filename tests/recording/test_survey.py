@@ -140,6 +140,19 @@ def test_an_archive_that_is_cut_or_none_is_named(tmp_path, subsets):
         survey.draft(tmp_path / "nothing")
 
 
+def test_an_archive_with_a_password_is_named(tmp_path):
+    path = tmp_path / "closed.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("a.txt", "1 2 3\n")
+    content = bytearray(path.read_bytes())
+    content[6] |= 1  # local header: encrypted
+    content[content.index(b"PK\x01\x02") + 8] |= 1  # the same in the directory
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"closed\.zip: has a password"):
+        survey.unpack(path)
+    assert not (tmp_path / "closed").exists()
+
+
 def one_subset(folder, subset, **changes):
     """Write a set of one subset whose parts are changed by functions."""
     for k in range(len(NUMBERS)):

@@ -111,6 +111,9 @@ def unpack(archive: Path) -> Path:
         return folder
     try:
         with zipfile.ZipFile(archive) as content:
+            damaged = content.testzip()
+            if damaged:
+                raise zipfile.BadZipFile(f"{damaged} is damaged")
             make_whole(folder, content.extractall)
     except RuntimeError as error:  # zipfile's, of a password
         raise InputError(f"{archive}: has a password. Unpack it yourself.") from error
