@@ -265,3 +265,24 @@ def test_text_that_is_no_table_is_listed_with_the_reason(tmp_path):
     told, draft = survey.draft(tmp_path)
     assert "[coordinates]" not in draft
     assert any("cloud_1.csv" in line and "a, b" in line for line in told)
+
+
+def test_classes_are_those_of_all_files(tmp_path):
+    shown = np.arange(2000, dtype=np.uint16).reshape(40, 50)
+    for k, values in enumerate([(0, 120, 240), (0, 60, 180)]):
+        picture(tmp_path / f"image_{k}.png", shown)
+        labels = np.zeros((40, 50), np.uint8)
+        labels[:3, :3] = np.reshape(values * 3, (3, 3))
+        picture(tmp_path / f"labels_{k}.png", labels)
+    assert "{ 0 = 0, 60 = 1, 120 = 2, 180 = 3, 240 = 4 }" in survey.draft(tmp_path)[1]
+
+
+def test_another_series_of_one_kind_is_a_question(tmp_path):
+    shown = np.arange(2000, dtype=np.uint16).reshape(40, 50)
+    for k in range(2):
+        picture(tmp_path / f"depth_{k}.png", shown)
+        picture(tmp_path / f"image_{k}.png", shown[::-1])
+        picture(tmp_path / f"overlay_{k}.png", np.dstack([shown // 8] * 3))
+    draft = survey.draft(tmp_path)[1]
+    assert draft.count("# ? or pattern") == 2
+    assert '\npattern = "overlay' not in draft

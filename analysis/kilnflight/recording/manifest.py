@@ -30,7 +30,7 @@ FACTS = (  # attributes that a manifest states
     "depth_calibration",
 )
 TABLES = ("gray", "coordinates", "labels")
-MM_PER_UNIT = {"mm": 1.0, "m": 1000.0}
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 FORMS = {
     "gray": ("grid",),
     "coordinates": ("grid", "lines", "points", "indexed", "cloud"),

@@ -33,6 +33,8 @@ from kilnflight.store.cache import make_whole
 ENDINGS = (*PICTURES, *TEXTS, ".npy", ".mat", ".h5", ".hdf5")
 MOST_CLASSES = 16  # a picture with more values is no label picture
 METRES_BELOW = 100.0  # a median depth below it is in m: no kiln is 100 mm long
+CENTIMETRES_BELOW = 1500.0  # this one may be in cm
+LARGEST_DEPTH = 65_535.0  # a depth of 16 bits that means none
 CLASSES = {0, 1, 2, 3, 4}  # Table 5.1
 BURNING = (2, 4)
 SURE = 1.8  # sum of two correlations, at most 2
@@ -115,6 +117,8 @@ def unpack(archive: Path) -> Path:
             if damaged:
                 raise zipfile.BadZipFile(f"{damaged} is damaged")
             make_whole(folder, content.extractall)
+    except NotImplementedError as error:
+        raise InputError(f"{archive}: {error}. Unpack it yourself.") from error
     except RuntimeError as error:  # zipfile's, of a password
         raise InputError(f"{archive}: has a password. Unpack it yourself.") from error
     except (OSError, zipfile.BadZipFile, EOFError) as error:
@@ -215,8 +219,15 @@ def draft(folder: Path) -> tuple[list[str], str]:
         If no series looks like grey pictures, or a file cannot be read.
     """
     found = find_series(folder)
-    # Previews are smaller, or fewer.
-    found.sort(key=lambda series: (-len(series.files), -series.first.nbytes))
+    # Previews are fewer, coloured, of less bits or smaller.
+    found.sort(
+        key=lambda series: (
+            -len(series.files),
+            series.first.ndim,
+            -series.first.itemsize,
+            -series.first.size,
+        )
+    )
     chosen: dict[str, Series] = {}
     for series in found:
         if series.kind:
@@ -238,6 +249,11 @@ def draft(folder: Path) -> tuple[list[str], str]:
             continue
         series = chosen[kind]
         lines += ["", f"[{kind}]", f'pattern = "{series.pattern}"']
+        lines += [
+            f'# ? or pattern = "{other.pattern}"'
+            for other in found
+            if other.kind == kind and other is not series
+        ]
         if series.key:
             lines.append(f'key = "{series.key}"')
         if kind == "coordinates":
@@ -263,12 +279,17 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         index = _index_of(series)
         form = "indexed" if index else "cloud"
     lines = [f'form = "{form}"', f"invalid = {_toml(invalid)}"]
-    metres = known.any() and np.median(np.abs(xyz[known, 2])) < METRES_BELOW
-    lines.append(f'unit = "{"m" if metres else "mm"}"')
+    depth = np.median(np.abs(xyz[known, 2])) if known.any() else np.inf
+    if depth < METRES_BELOW:
+        lines.append('unit = "m"')
+    elif depth < CENTIMETRES_BELOW:
+        lines.append('unit = "cm"  # ? or "mm"')
+    else:
+        lines.append('unit = "mm"')
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
         lines.append(f"focal_length_px = {FOCAL_LENGTH_PX:.1f}  {question}")
-        return [*lines, "# ? y grows up"]
+        return [*lines, 'y = "up"  # ? or "down"']
     if index:
         lines.append(f'index = "{index}"')
         number = read_array(series.files[0], index).ravel().astype(np.int64) - 1
@@ -352,6 +373,8 @@ def check_frame_fits(frame: Frame, where: str) -> None:
             line = "x and y do not follow the pixels; set order"
         elif down > 0:
             line = "y grows down the picture; set y"
+        elif right < 0:
+            line = "x grows to the left, which no line turns: multiply it by -1"
         if line:
             raise InputError(f"{where}: {line} in [coordinates].")
     if frame.labels is None or len(frame.labels) != frame.labels.shape[1]:
@@ -365,12 +388,13 @@ def check_frame_fits(frame: Frame, where: str) -> None:
 
 
 def _invalid(depth: Any) -> float | str:
-    """Return the depth of pixels that have none: NaN, or a value that many share."""
+    """Return the depth of pixels that have none: NaN, or 0 or the like of many."""
     if np.isnan(depth).any():
         return "nan"
     values, counts = np.unique(depth, return_counts=True)
     most = counts.argmax()
-    if counts[most] > SHARED * len(depth):
+    none = values[most] <= 0 or values[most] >= LARGEST_DEPTH
+    if none and counts[most] > SHARED * len(depth):
         return float(values[most])
     return "nan"
 
@@ -401,10 +425,17 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
         theirs = series.first
         turned = theirs.shape != size
         lines.append(f'order = "{"col row" if turned else "row col"}"')
-    values = np.unique(theirs).astype(int).tolist()
-    classes = dict(zip(values, range(len(CLASSES)), strict=False))
-    if {*values} <= CLASSES:
+    values = {*np.unique(theirs).astype(int).tolist()}
+    if series.form == "grid":  # the first file may lack a class
+        for file in series.files:
+            values.update(np.unique(read_array(file, series.key)).astype(int).tolist())
+    classes: dict[int, int] = {}
+    if values <= CLASSES:
         classes = {value: value for value in sorted(CLASSES)}
+    elif len(values) == len(CLASSES):
+        classes = dict(zip(sorted(values), sorted(CLASSES), strict=True))
+    else:
+        lines.append(f"# ? the files have {sorted(values)}")
     text = ", ".join(f"{theirs} = {ours}" for theirs, ours in classes.items())
     asked = "# ? ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
     return [*lines, asked, f"classes = {{ {text} }}  # theirs = ours"]

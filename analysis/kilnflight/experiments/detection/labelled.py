@@ -237,7 +237,7 @@ def open_labelled(path: Path) -> list[Subset]:
     ------
     InputError
         If a recording cannot be read, has no labels, or its first labelled frame
-        contradicts the manifest.
+        contradicts the manifest; or if there is one subset.
     """
     subsets = []
     for name, recording in open_subsets(path).items():
@@ -246,6 +246,11 @@ def open_labelled(path: Path) -> list[Subset]:
         first = recording.frame(recording.labelled[0])
         check_frame_fits(first, f"{path}, subset {name}")
         subsets.append(Subset.of_labels(name, recording, recording.labelled))
+    if len(subsets) < 2:
+        raise InputError(
+            f"{path}: one subset; the threshold of one is found on others (section "
+            "5.1.3). Write {subset} in the patterns."
+        )
     return subsets
 
 
