@@ -194,7 +194,7 @@ def _kind(array: Anything) -> tuple[str, str]:
         return "", ""
     known = array[np.isfinite(array)]
     whole = known.size > 0 and bool((known % 1 == 0).all())
-    if array.ndim == 3 and array.shape[2] == 3 and array.dtype != np.uint8:
+    if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind in "fi":
         return "coordinates", "grid"
     if array.ndim == 3 and array.shape[2] in (3, 4):
         return "gray", "grid"
@@ -347,6 +347,7 @@ def _follow(row: Any, col: Any, xyz: Any, known: Any) -> tuple[float, float]:
 
     Both are near 1 or -1 in a picture of a camera, whatever the depths.
     """
+    known = known & (xyz[:, 2] != 0)
     x, y, z = xyz[known].T
     if len(z) < LEAST_POINTS:
         return 0.0, 0.0
