@@ -315,5 +315,4 @@ result = (
 if not files:  # the friction model decides no claim
     verdicts = []
     compared = []
-data = "authors" if files else "simulated"
-figures.conclude(result, verdicts, origin, choices=compared, data=data)
+figures.conclude(result, verdicts, origin, choices=compared)

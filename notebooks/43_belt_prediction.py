@@ -346,5 +346,4 @@ result = (
     f"{kept['iqr'] / seen['iqr']:.1f} times as much. They arrive {late['median']:.1f} "
     "ms earlier than predicted (median)."
 )
-data = "authors" if files else "simulated"
-figures.conclude(result, verdicts, origin, choices=compared, data=data)
+figures.conclude(result, verdicts, origin, choices=compared)

@@ -345,5 +345,4 @@ if files:
         f"The tracker finds at least {found:.2f} % of the authors' links on real "
         "recordings."
     )
-data = "authors"
-figures.conclude(result, verdicts, origin, choices=compared, data=data)
+figures.conclude(result, verdicts, origin, choices=compared)

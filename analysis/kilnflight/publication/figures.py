@@ -211,7 +211,6 @@ def conclude(
     verdicts: Iterable[claims.Verdict],
     provenance: Provenance,
     choices: Iterable[unprinted.Comparison] = (),
-    data: str = "simulated",
 ) -> HTML:
     """Save a notebook's result, verdicts and choices; the last call of a notebook.
 
@@ -226,18 +225,15 @@ def conclude(
     choices
         From `kilnflight.publication.choices.compare`: results with both values of what
         no work prints. A verdict that turns with a choice that nothing decides is open.
-    data
-        What the verdicts rest on: "simulated", or "authors" for their own data.
     """
-    compared = [asdict(each) | {"data": data} for each in choices]
-    judged = [asdict(verdict) | {"data": data} for verdict in verdicts]
-    rows = unprinted.opened(judged, compared)
+    compared = [asdict(each) for each in choices]
+    rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
     body = f"<p>{html.escape(result)}</p>"
     if rows:
-        table = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
+        judged = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
         names = [
             "id",
             "published",
@@ -247,12 +243,12 @@ def conclude(
             "measured",
             "reason",
         ]
-        shown = table[names].rename(columns={"published": "claim"})
+        shown = judged[names].rename(columns={"published": "claim"})
         body += shown.to_html(index=False, border=0)
     else:
         body += "No claim is tested here."
     if compared:
-        table = pd.DataFrame(compared).drop(columns="data")
+        table = pd.DataFrame(compared)
         table["turns"] = table["turns"].map(" ".join)
         table.columns = [
             "choice",
