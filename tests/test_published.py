@@ -99,6 +99,20 @@ def test_the_claims_are_those_of_the_notebooks(published):
     )
 
 
+def test_the_first_page_counts_the_verdicts_and_the_misprints(published):
+    text = (PROJECT / "notebooks" / "00_claims.py").read_text().replace("\n# ", " ")
+    verdict = pd.read_csv(published / "claims.csv")["verdict"].value_counts()
+    counted = re.search(
+        r"Of (\d+) claims (\d+) are reproduced, (\d+) are not and (\d+) are open", text
+    )
+    found = [verdict.sum(), *verdict[list(claims.VERDICTS)]]
+    assert list(map(int, counted.groups())) == found
+    checks = pd.read_csv(published / "published-recomputed.csv")
+    numbers = checks[checks["kind"] == "number"]
+    told = re.search(r"Of (\d+) printed numbers that others determine (\d+) are", text)
+    assert list(map(int, told.groups())) == [len(numbers), (~numbers["agrees"]).sum()]
+
+
 def test_every_verdict_that_turned_is_one_that_its_choice_names(published):
     table = pd.read_csv(published / "choices.csv", dtype=str, keep_default_na=False)
     for row in table.itertuples():

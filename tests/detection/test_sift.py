@@ -7,6 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from tests.definitions.sift import keypoints
 
+from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.region import inside
 
@@ -127,3 +128,9 @@ def test_small_blobs_are_found_in_an_enlarged_image(times, sigma):
     (found,) = DoG(20.0, enlarge=times)(image)
     np.testing.assert_allclose(found, [20.3, 50.6, sigma * np.sqrt(2)], atol=0.3)
     assert len(DoG(20.0, enlarge=times)(image, [(0, 0), (0, 40), (40, 0)])) == 0
+
+
+@pytest.mark.parametrize("times", [0, 5, 1.5, "2"])
+def test_an_image_is_enlarged_one_to_four_times(times):
+    with pytest.raises(InputError, match="enlarge"):
+        DoG(enlarge=times)

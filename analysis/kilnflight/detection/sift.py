@@ -83,8 +83,7 @@ class DoG:
     camera_blur
         Blur of the image as captured, in px.
     enlarge
-        Search the image at so many times its size, which finds smaller blobs: 1, 2 or
-        4.
+        Search the image at so many times its size, which finds smaller blobs: 1 to 4.
     edge
         Largest ratio of the curvatures across a blob, r of Eq. 2.28: "a user-defined
         threshold", which the thesis does not print.

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
 from kilnflight.ignition import NONE, SEEN, Ignition, IgnitionResult
@@ -69,7 +69,7 @@ class FieldOfView(NamedTuple):
     """
 
     roi: npt.ArrayLike | None = None
-    frames: range = range(2**53)
+    frames: range = range(int(LARGEST_WHOLE))
 
 
 def flights(

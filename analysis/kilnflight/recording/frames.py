@@ -234,7 +234,7 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
         raise InputError(
             f"{where}: {wrong.sum()} point(s), {place}, are outside or given twice."
         )
-    # Only for its error, as of a point behind the camera.
+    # It raises for a point behind the camera; the calibrated points are not needed.
     calibrate_points(
         frame.xyz, attributes.depth_calibration, f"{where}: captured points"
     )

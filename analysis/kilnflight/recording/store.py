@@ -194,7 +194,7 @@ def open_recording(path: Path | str) -> StoredRecording:
         for name, array in arrays.items():
             shape = (len(per_frame["index"]), *_size_of(name, attributes))
             if array.shape != shape or array.dtype != KINDS[name]:
-                raise InputError(f"its {name} has another size or type than stated")
+                raise InputError(f"its {name} is not as stated in size or type")
         return StoredRecording(
             path=path,
             attributes=attributes,

@@ -144,8 +144,11 @@ def test_the_fit_of_the_light_counts_compares_and_improves():
     counts = light_fit.count(prepared, faint)
     assert (counts["seed"].tolist(), counts["subset"].tolist()) == ([0], ["V4"])
     assert counts["overexposed"].iloc[0] == 0 < counts["flames"].iloc[0]
-    for kind in (2, 3, 4):
-        assert counts[[f"tp_{kind}", f"fn_{kind}"]].iloc[0].min() >= 0
+    # Each marked particle has one class and is found or missed.
+    for count in ("tp", "fn"):
+        by_class = counts[[f"{count}_{kind}" for kind in (2, 3, 4)]]
+        assert by_class.iloc[0].min() >= 0
+        assert by_class.iloc[0].sum() == counts[count].iloc[0] > 0
     optics, off = light_fit.fit(prepared, faint, steps=12)
     assert off == light_fit.misfit(prepared, optics) < light_fit.misfit(prepared, faint)
     assert optics.bodies == faint.bodies  # what is not fitted stays

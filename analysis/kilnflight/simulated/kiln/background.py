@@ -137,9 +137,10 @@ class Still(NamedTuple):
 
 @lru_cache(maxsize=1)  # most scenes of a process share the kiln and the burner
 def _see_kiln(geometry: Geometry, nozzle_m: tuple[float, ...]) -> Still:
-    """Return depths and shade of wall, lance and burner; nobody may change them.
+    """Return depths and shade of wall, lance and burner.
 
-    ``nozzle_m`` is the burner's mouth in kiln coordinates.
+    They are kept for the next scene, so a caller must not change them. ``nozzle_m`` is
+    the burner's mouth in kiln coordinates.
     """
     shape = (geometry.rows, geometry.columns)
     still = Still(np.empty(shape), np.full(shape, np.inf), np.zeros(shape))
