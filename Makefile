@@ -13,6 +13,8 @@ SHELL := /bin/bash
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
 #:   KILNFLIGHT_RECORDINGS=folder          belt recordings, instead of the authors'
+#:   KILNFLIGHT_LABELLED=manifest          labelled frames of the kiln, for notebook 12
+#:   PARTS=all                             also the 5 GB beside them, for make data
 #:   KILNFLIGHT_FIGURES=folder             instead of figures/ (full) or build/SCALE/figures
 SCALE ?= standard
 PARAMETERS ?=
@@ -26,7 +28,7 @@ JOBS ?= $(shell n=$$(($(CORES) + $(if $(filter full,$(SCALE)),0,1))); echo $$((n
 # Scales never mix: figures/ holds what make full made.
 FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/build/$(SCALE)/figures))
 MAKEFLAGS += --no-print-directory
-export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
+export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_LABELLED KILNFLIGHT_FIGURES
 unexport PYTHONDONTWRITEBYTECODE# Python starts some hundred times: its bytecode is kept
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
@@ -51,7 +53,7 @@ film: $(VENV)/installed ## the notebook of one film of yours, into build/film: m
 	  $(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
-	@$(RUN) -m kilnflight.publication.data && mkdir -p build && touch build/external.txt
+	@$(RUN) -m kilnflight.publication.data $(if $(filter all,$(PARTS)),--all) && mkdir -p build && touch build/external.txt
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" tests analysis
 faults: $(VENV)/installed ## try some 10,000 faults of input, and count what becomes of them

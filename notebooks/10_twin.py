@@ -2,7 +2,8 @@
 # # Simulated kiln: particles fly and burn as printed, so that the method can be checked
 #
 # **The work.** The thesis prints how fast and how far particles fly, when they ignite,
-# and how many a frame shows (sections 5.1 and 5.3). Its recordings are not public.
+# and how many a frame shows (sections 5.1 and 5.3). Its campaigns are not public, and
+# its 50 labelled frames could not be reached (notebook 12).
 #
 # **Here.** The printed numbers are put into simulated recordings whose truth is known.
 # Nothing is claimed on the fuel. Measured minus true is the error of the method, which

@@ -5,9 +5,9 @@
 # sections 3.3 and 5.1.1). They hold 5701 particles in three classes (Tables 5.1 to
 # 5.3). An infrared camera gives the temperature along the wall (Fig. 2.4).
 #
-# **Here.** The recordings are not public, so five scenes with ten labelled frames each
-# are simulated. Particles are fed until the frames hold the labels of Tables 5.2 and
-# 5.3. That these numbers reappear shows nothing.
+# **Here.** These frames are public, but we could not reach them (notebook 12). So five
+# scenes with ten labelled frames each are simulated. Particles are fed until the frames
+# hold the labels of Tables 5.2 and 5.3. That these numbers reappear shows nothing.
 #
 # **One number.** Wall particles in the region of interest: 50.53 % printed, 50.8 %
 # here.

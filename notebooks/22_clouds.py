@@ -188,13 +188,19 @@ settings = {
     "MO": claims.published("table_5.9"),
     "QCC": claims.published("table_5.10"),
 }
-clusterers = {}
-for row in settings["DBSCAN"].itertuples():
-    clusterers["DBSCAN", row.Index] = DBSCAN(row.epsilon_mm, row.minPts)
-for row in settings["MO"].itertuples():
-    clusterers["MO", row.Index] = MorphologicalClustering(row.R)
-for row in settings["QCC"].itertuples():
-    clusterers["QCC", row.Index] = QuasiClusterCenters(row.K, row.alpha)
+
+
+# %%
+def read_clusterers(settings):
+    """Return the clusterer of each row of the tables, by family and row."""
+    found = {}
+    for row in settings["DBSCAN"].itertuples():
+        found["DBSCAN", row.Index] = DBSCAN(row.epsilon_mm, row.minPts)
+    for row in settings["MO"].itertuples():
+        found["MO", row.Index] = MorphologicalClustering(row.R)
+    for row in settings["QCC"].itertuples():
+        found["QCC", row.Index] = QuasiClusterCenters(row.K, row.alpha)
+    return found
 
 
 def clustered(clusterer, view):
@@ -221,6 +227,7 @@ def attempt(subsets, clusterers):
     return attempts[~searched]
 
 
+clusterers = read_clusterers(settings)
 attempts = attempt(subsets, clusterers)
 
 # %%

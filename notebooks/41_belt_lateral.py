@@ -315,4 +315,5 @@ result = (
 if not files:  # the friction model decides no claim
     verdicts = []
     compared = []
-figures.conclude(result, verdicts, origin, choices=compared)
+data = "authors" if files else "simulated"
+figures.conclude(result, verdicts, origin, choices=compared, data=data)

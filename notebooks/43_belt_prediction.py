@@ -346,4 +346,5 @@ result = (
     f"{kept['iqr'] / seen['iqr']:.1f} times as much. They arrive {late['median']:.1f} "
     "ms earlier than predicted (median)."
 )
-figures.conclude(result, verdicts, origin, choices=compared)
+data = "authors" if files else "simulated"
+figures.conclude(result, verdicts, origin, choices=compared, data=data)

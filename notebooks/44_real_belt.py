@@ -345,4 +345,5 @@ if files:
         f"The tracker finds at least {found:.2f} % of the authors' links on real "
         "recordings."
     )
-figures.conclude(result, verdicts, origin, choices=compared)
+data = "authors"
+figures.conclude(result, verdicts, origin, choices=compared, data=data)

@@ -30,7 +30,7 @@ TABLES = {  # columns that outside checks read
     "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",
     "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
     "errata": "where printed recomputed consequence",
-    "claims": "id verdict because measured published notebook reason",
+    "claims": "id verdict because measured published notebook reason data",
     "choices": "id decided_by result_chosen result_other verdicts_that_turn",
 }
 

@@ -166,23 +166,52 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
 
 @command(*OPENED)
 def _info(options: argparse.Namespace) -> None:
-    """Read every frame and print what a recording holds."""
+    """Read every frame and print what a recording, or each subset of one, holds."""
     from kilnflight.film.report import aligned, summarise_recording
+    from kilnflight.recording.files import open_subsets
+    from kilnflight.recording.survey import check_frame_fits
 
-    print(aligned(summarise_recording(_opened(options))))
+    if Path(options.recording).suffix.lower() != ".toml":
+        print(aligned(summarise_recording(_opened(options))))
+        return
+    for name, recording in open_subsets(options.recording).items():
+        if recording.labelled:
+            first = recording.frame(recording.labelled[0])
+            check_frame_fits(first, f"{options.recording}, {name}")
+        print(aligned(summarise_recording(recording)))
 
 
 @command(*OPENED, "--to")
 def _import(options: argparse.Namespace) -> None:
-    """Store a recording of any kind as Zarr."""
+    """Store a recording as Zarr; of an archive of many, draft the manifest."""
     from kilnflight.film.report import aligned, summarise_recording
+    from kilnflight.recording import survey
     from kilnflight.recording.store import write_recording
 
+    if survey.is_archive(Path(options.recording)):
+        _draft(Path(options.recording), options.to)
+        return
     recording = _opened(options, options.to)
     target = options.to or f"{recording.attributes.name}.zarr"
     stored = write_recording(recording, target)
     print(f"imported as {stored.path}")
     print(aligned(summarise_recording(stored)))
+
+
+def _draft(source: Path, target: Path | None) -> None:
+    """Say what an archive or folder holds, and write the draft of its manifest."""
+    from kilnflight.checks import InputError
+    from kilnflight.recording import survey
+    from kilnflight.store.cache import write_whole
+
+    folder = source if source.is_dir() else survey.unpack(source)
+    target = target or folder / "labelled.toml"
+    if target.exists() or target.parent.resolve() != folder.resolve():
+        raise InputError(f"{target}: name a new file in {folder}.")
+    told, text = survey.draft(folder)
+    write_whole(target, text.encode())
+    print("\n".join(told))
+    print(f"\n{text}\nwritten as {target}. Answer the lines with a question mark.")
 
 
 @command("scene", "folder", "--frames", "--seed")

@@ -78,6 +78,21 @@ def test_a_choice_of_one_notebook_opens_the_verdict_of_another():
     assert verdicts.collect().set_index("id").loc["bg-2", "because"] == "choice"
 
 
+@pytest.mark.usefixtures("decided")
+def test_the_authors_data_decide_before_the_simulation():
+    compared = [choices.compare("A2", "F1", chosen=1, other=2, turns={"bg-2": "open"})]
+    simulated = [claims.check("bg-2", False), claims.check("bg-1", False)]
+    figures.conclude("One.", simulated, MADE, choices=compared)
+    assert verdicts.collect().set_index("id").loc["bg-2", "because"] == "choice"
+    theirs = figures.trace("20_backgrounds", {})
+    figures.conclude("Two.", [claims.check("bg-2", True)], theirs, data="authors")
+    table = verdicts.collect().set_index("id")
+    names = ["verdict", "because", "data"]
+    assert table.loc["bg-2", names].tolist() == ["reproduced", "", "authors"]
+    assert table.loc["bg-1", "data"] == "simulated"
+    assert table.loc["bg-5", "data"] == ""
+
+
 def test_a_choice_without_a_result_is_empty_and_an_unknown_one_is_an_error():
     assert set(choices.collect()["result_chosen"]) == {""}
     with pytest.raises(InputError, match="no choice 'X9'"):

@@ -83,12 +83,79 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
         raise OSError(f"{name}: no connection")
 
     monkeypatch.setattr(data, "fetch", nothing)
+    monkeypatch.setattr(data, "fetch_labelled", nothing)
     assert data.main(arguments) == code
     output = "".join(capsys.readouterr())
     assert "own simulation" in output
     assert len(output.splitlines()) == 1
 
 
+def test_the_first_download_is_pinned_beside_the_file(tmp_path):
+    path = tmp_path / "set.zip"
+    path.write_bytes(CONTENT)
+    assert data.pin(path) == data.pin(path) == hashlib.sha256(CONTENT).hexdigest()
+    path.write_bytes(CONTENT[:3])
+    with pytest.raises(InputError, match=r"set\.zip"):
+        data.pin(path)
+
+
+def test_labelled_frames_are_named_or_lie_where_they_were_unpacked(
+    folder, monkeypatch, tmp_path
+):
+    monkeypatch.delenv("KILNFLIGHT_LABELLED", raising=False)
+    assert data.labelled_manifest() is None
+    unpacked = folder / "Data_Set_2D_3D_Particle_Detection" / "labelled.toml"
+    unpacked.parent.mkdir(parents=True)
+    unpacked.write_text("")
+    assert data.labelled_manifest() == unpacked
+    monkeypatch.setenv("KILNFLIGHT_LABELLED", str(tmp_path / "mine.toml"))
+    with pytest.raises(InputError, match=r"mine\.toml"):
+        data.labelled_manifest()
+    (tmp_path / "mine.toml").write_text("")
+    assert data.labelled_manifest() == tmp_path / "mine.toml"
+
+
 def test_the_pinned_files_are_the_authors(authors_data):
     for name in data.BELT_DEM.values():
         assert data.find(name) == authors_data / name
+
+
+class Record:
+    """A record of an archive with two files, in place of Zenodo."""
+
+    def __init__(self, folder, base_url):
+        self.folder = folder
+        self.base_url = base_url
+        self.registry_files = []
+
+    def load_registry_from_doi(self):
+        self.registry_files = [data.LABELLED_ARCHIVE, "part.zip"]
+
+    def fetch(self, name, progressbar):
+        assert name in self.registry_files
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / name
+        path.write_bytes(CONTENT + self.base_url.encode())
+        return str(path)
+
+
+def test_labelled_frames_are_fetched_once_and_their_parts_when_asked(
+    folder, monkeypatch, capsys
+):
+    asked = []
+
+    def create(path, base_url):
+        asked.append(base_url)
+        return Record(path, base_url)
+
+    monkeypatch.setattr("pooch.create", create)
+    (archive,) = data.fetch_labelled(every=False)
+    assert data.pin(archive) in capsys.readouterr().out
+    assert data.fetch_labelled(every=False) == [archive]
+    assert asked == [data.LABELLED_DOI]
+    archive.with_name(f"{archive.name}.sha256").unlink()
+    names = [path.name for path in data.fetch_labelled(every=True)]
+    assert names == [data.LABELLED_ARCHIVE, "part.zip"]
+    archive.write_bytes(b"other")
+    with pytest.raises(InputError, match=archive.name):
+        data.fetch_labelled(every=False)

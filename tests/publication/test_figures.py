@@ -90,7 +90,8 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
     made = replace(MADE, notebook="00_claims")
     figures.conclude("One line.", [verdict], made)
     figures.conclude("Nothing to test.", [], MADE)  # no such notebook
-    kept = {"result": "One line.", "verdicts": [asdict(verdict)], "choices": []}
+    judged = asdict(verdict) | {"data": "simulated"}
+    kept = {"result": "One line.", "verdicts": [judged], "choices": []}
     assert index.load()["notebooks"] == {"00_claims": kept}
     figures.conclude("One line.", [verdict, verdict], made)
     with pytest.raises(InputError, match="00_claims and 00_claims"):

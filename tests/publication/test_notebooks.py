@@ -84,3 +84,33 @@ def test_a_wrong_parameter_is_one_line_and_nothing_runs(tmp_path, capsys, given,
     error = capsys.readouterr().err.strip()
     assert re.search(name, error)
     assert len(error.splitlines()) == 1
+
+
+LENDER = """# %%
+import math
+
+width = 2.0
+rows = []
+width_of = math.sqrt(seed)
+
+
+# %%
+def area(height):
+    return math.floor(width * height) + more
+
+
+1 / 0
+"""
+
+
+def test_functions_are_borrowed_without_running_a_notebook(tmp_path, monkeypatch):
+    (tmp_path / "notebooks").mkdir()
+    (tmp_path / "notebooks" / "07_lender.py").write_text(LENDER)
+    monkeypatch.setattr(notebooks, "root", lambda: tmp_path)
+    lender = notebooks.borrow("07_lender", more=1)
+    assert lender.area(3.0) == 7
+    assert lender.rows == []
+    assert not hasattr(lender, "width_of")
+    assert notebooks.borrow("07_lender", more=1, width=4.0).area(3.0) == 13
+    lender.more = 10
+    assert lender.area(3.0) == 16

@@ -251,7 +251,7 @@ BAD = [
     *((change("labels", classes={120: value}), "small.toml: [labels] classes")
       for value in (2.5, 300, "b", [1])),
     *((change("coordinates", **{key: value}), key) for key, value in {
-        **{"form": "cloud", "unit": "cm", "invalid": "none", "origin": 2},
+        **{"form": "heap", "unit": "ft", "invalid": "none", "origin": 2},
         **{"key": "xyz"},
     }.items()),
     (change("labels", classes={0: 7}), "labels"),

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from kilnflight.checks import printable
 from kilnflight.film.spreading import followed
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
+from kilnflight.recording.files import FileRecording
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
@@ -38,7 +39,7 @@ def _facts(frame: Frame) -> dict[str, Any]:
     }
 
 
-def summarise_recording(recording: StoredRecording) -> pd.DataFrame:
+def summarise_recording(recording: StoredRecording | FileRecording) -> pd.DataFrame:
     """Read every frame once; return rows of ``what`` and ``value``, both texts."""
     recording.content()  # refused where it was changed after it was written
     frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)

@@ -121,15 +121,18 @@ def turned(
 def opened(
     verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return verdicts, open where they turn with a choice that nothing decides."""
+    """Return verdicts, open where they turn with a choice that nothing decides.
+
+    A comparison on the simulation opens no verdict on the authors' data.
+    """
     decided_by = load()["decided_by"]
-    turning = set[str]()
+    turning = set[tuple[str, str]]()
     for each in comparisons:
         if decided_by[each["id"]] in UNDECIDED:
-            turning.update(each["turns"])
+            turning.update((claim, each["data"]) for claim in each["turns"])
     rows = []
     for row in verdicts:
-        if row["id"] in turning:
+        if (row["id"], row["data"]) in turning:
             row = row | {"verdict": claims.OPEN, "because": "choice"}
         rows.append(row)
     return rows

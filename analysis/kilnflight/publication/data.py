@@ -18,6 +18,7 @@ from pathlib import Path
 
 from kilnflight.checks import InputError
 from kilnflight.store import paths
+from kilnflight.store.cache import write_whole
 
 # Name, SHA-256 and address of each file: the repository of the 2020 paper's authors at
 # a pinned commit, in pooch's format.
@@ -30,10 +31,36 @@ BELT_DEM = {
     "cuboids": "DEM_cuboids_115.zip",
     "cylinders": "DEM_Cylinder_115.zip",
 }
+# The labelled frames of section 5.1.1 of the thesis ([116] there): a record with them
+# alone, and a later version with further parts of 2.5 GB.
+LABELLED_ARCHIVE = "Data_Set_2D_3D_Particle_Detection.zip"
+LABELLED_DOI = "doi:10.5281/zenodo.6334678"
+ALL_PARTS_DOI = "doi:10.5281/zenodo.6358536"
 # Kugeln are spheres, Weizen is wheat, Zylinder are cylinders.
 RECORDINGS_FOLDER = "belt_recordings"
 RECORDINGS = tuple(name for name in SHA256 if name.startswith(RECORDINGS_FOLDER))
 FOLDERS = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS")
+
+
+def labelled_manifest() -> Path | None:
+    """Return the manifest of the authors' labelled frames; None if they are not here.
+
+    It is what ``KILNFLIGHT_LABELLED`` names, or labelled.toml in the unpacked archive
+    that ``make data`` fetched.
+
+    Raises
+    ------
+    InputError
+        If ``KILNFLIGHT_LABELLED`` names no file.
+    """
+    named = os.environ.get("KILNFLIGHT_LABELLED")
+    if named:
+        path = Path(named)
+        if not path.is_file():
+            raise InputError(f"KILNFLIGHT_LABELLED is {path}: no such manifest.")
+        return path
+    path = paths.external() / Path(LABELLED_ARCHIVE).stem / "labelled.toml"
+    return path if path.is_file() else None
 
 
 def find(name: str) -> Path | None:
@@ -94,10 +121,63 @@ def fetch(name: str) -> Path:
     return Path(store.fetch(name, downloader=bar))
 
 
+def fetch_labelled(every: bool) -> list[Path]:
+    """Return the paths of the labelled frames, downloaded if they are missing.
+
+    Zenodo states the MD5 of each file, which pooch checks. No SHA-256 is published:
+    that of the first download is kept beside the file, and checked from then on.
+    ``every``: also the further parts, 5 GB.
+
+    Raises
+    ------
+    ValueError
+        If a checksum is wrong (`InputError` that of a file that is there).
+    OSError
+        If the record cannot be reached.
+    """
+    import pooch
+
+    folder = paths.external()
+    kept = folder / LABELLED_ARCHIVE
+    if kept.is_file() and not every:
+        pin(kept)
+        return [kept]
+    store = pooch.create(folder, base_url=ALL_PARTS_DOI if every else LABELLED_DOI)
+    store.load_registry_from_doi()
+    pooch.get_logger().setLevel("WARNING")
+    fetched = []
+    for name in store.registry_files if every else [LABELLED_ARCHIVE]:
+        print(f"fetching {name}", flush=True)
+        fetched.append(Path(store.fetch(name, progressbar=sys.stderr.isatty())))
+        print(f"SHA-256 {pin(fetched[-1])}", flush=True)
+    return fetched
+
+
+def pin(path: Path) -> str:
+    """Return the SHA-256 of a file, kept beside it at first and then checked.
+
+    Raises
+    ------
+    InputError
+        If it is not the one that was kept.
+    """
+    with path.open("rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    beside = path.with_name(f"{path.name}.sha256")
+    if not beside.is_file():
+        write_whole(beside, f"{found}  {path.name}\n".encode())
+    elif beside.read_text().split()[:1] != [found]:
+        raise InputError(
+            f"{path}: is not what was fetched first. Delete it: make data."
+        )
+    return found
+
+
 def main(arguments: Sequence[str]) -> int:
     """Fetch every file (``make data``) and return the exit status.
 
-    With ``--optional`` a missing network is no error. Recordings are not fetched if the
+    With ``--optional`` a missing network is no error, and the labelled frames are left
+    out; with ``--all`` their further parts come, too. Recordings are not fetched if the
     user names a folder in one of `FOLDERS`.
     """
     recordings = RECORDINGS
@@ -108,6 +188,10 @@ def main(arguments: Sequence[str]) -> int:
     try:
         for name in (*BELT_DEM.values(), *recordings):
             fetch(name)
+        if "--optional" not in arguments:
+            name = LABELLED_ARCHIVE
+            fetch_labelled("--all" in arguments)
+            told += ", and the labelled frames: kilnflight import drafts their manifest"
     except OSError:
         told = (
             f"{name} cannot be fetched. Our own simulation stands in; or set "

@@ -211,6 +211,7 @@ def conclude(
     verdicts: Iterable[claims.Verdict],
     provenance: Provenance,
     choices: Iterable[unprinted.Comparison] = (),
+    data: str = "simulated",
 ) -> HTML:
     """Save a notebook's result, verdicts and choices; the last call of a notebook.
 
@@ -225,15 +226,18 @@ def conclude(
     choices
         From `kilnflight.publication.choices.compare`: results with both values of what
         no work prints. A verdict that turns with a choice that nothing decides is open.
+    data
+        What the verdicts rest on: "simulated", or "authors" for their own data.
     """
-    compared = [asdict(each) for each in choices]
-    rows = unprinted.opened([asdict(verdict) for verdict in verdicts], compared)
+    compared = [asdict(each) | {"data": data} for each in choices]
+    judged = [asdict(verdict) | {"data": data} for verdict in verdicts]
+    rows = unprinted.opened(judged, compared)
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
     body = f"<p>{html.escape(result)}</p>"
     if rows:
-        judged = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
+        table = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
         names = [
             "id",
             "published",
@@ -243,12 +247,12 @@ def conclude(
             "measured",
             "reason",
         ]
-        shown = judged[names].rename(columns={"published": "claim"})
+        shown = table[names].rename(columns={"published": "claim"})
         body += shown.to_html(index=False, border=0)
     else:
         body += "No claim is tested here."
     if compared:
-        table = pd.DataFrame(compared)
+        table = pd.DataFrame(compared).drop(columns="data")
         table["turns"] = table["turns"].map(" ".join)
         table.columns = [
             "choice",

@@ -19,6 +19,7 @@ from argparse import ArgumentParser
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 import jupytext
 import papermill
@@ -27,12 +28,13 @@ from traitlets.config import Config
 
 from kilnflight.checks import InputError
 from kilnflight.store.cache import write_whole
-from kilnflight.store.paths import NOTEBOOK, SAVED_LIST
+from kilnflight.store.paths import NOTEBOOK, SAVED_LIST, root
 
 SCALES = ("quick", "standard", "full")
 PARAMETERS_CELL = re.compile(
     r'^# %% tags=\["parameters"\]\n(.*?)(?=^# %%|\Z)', re.M | re.S
 )
+DEFINING = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef)
 GIVEN = re.compile(r"(?:(\w+)\.)?([A-Za-z]\w*)=(.*)")  # name=value, NN.name=value
 QUIET = [
     "--IPKernelApp.log_level=CRITICAL",  # no traceback of an interruption
@@ -40,6 +42,47 @@ QUIET = [
     # asyncio and tornado log tasks and sockets that are left when a kernel ends
     "--IPKernelApp.exec_lines=__import__('logging').disable()",
 ]
+
+
+def borrow(stem: str, **given: object) -> ModuleType:
+    """Return the functions of another notebook as a module, without running it.
+
+    Parameters
+    ----------
+    stem
+        Name of the notebook, such as ``"22_clouds"``.
+    given
+        Variables that its functions use, such as ``seed``. They take the place of its
+        own constants; more may be set in the module afterwards.
+
+    Notes
+    -----
+    Its imports, functions, classes and literal constants are executed, nothing else.
+    """
+    path = root() / "notebooks" / f"{stem}.py"
+    module = ModuleType(stem)
+    module.__dict__.update(given)
+    lines = [
+        line
+        for line in ast.parse(path.read_text("utf-8")).body
+        if isinstance(line, DEFINING) or _is_constant(line, given)
+    ]
+    code = compile(ast.Module(lines, type_ignores=[]), str(path), "exec")
+    exec(code, module.__dict__)
+    return module
+
+
+def _is_constant(line: ast.stmt, given: Mapping[str, object]) -> bool:
+    """Return whether a line gives a literal value to a name that is not given."""
+    if not (isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name)):
+        return False
+    if line.targets[0].id in given:
+        return False
+    try:
+        ast.literal_eval(line.value)
+    except ValueError:
+        return False
+    return True
 
 
 def known_parameters(path: Path) -> dict[str, object]:

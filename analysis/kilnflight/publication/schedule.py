@@ -26,8 +26,14 @@ LONGEST = ("23", "45", "43", "40", "50", "24", "32", "10", "22", "20", "31", "60
 COMPILES = "23"  # compiles what those of the kiln share, once for all of them
 CAMPAIGNS = "50"  # detects in all campaigns; the others of 50 to 59 take its tables
 SUMMARY = ("00", "01")  # collect what the others conclude
+BESIDE = "12"  # shows its results beside those of 20 to 25
 MANY_PROCESSES = ("50", "56")  # get all processes in a full run, which is large
-EXTERNAL = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS", "KILNFLIGHT_FIGURES")
+EXTERNAL = (
+    "KILNFLIGHT_EXTERNAL",
+    "KILNFLIGHT_RECORDINGS",
+    "KILNFLIGHT_LABELLED",
+    "KILNFLIGHT_FIGURES",
+)
 FETCHED = Path("build/external.txt")  # says what of the authors' data is there
 POLL_S = 0.05  # pause between two looks at what runs
 
@@ -127,6 +133,8 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
     if own.startswith("5"):
         first.append(CAMPAIGNS)
     waited = {each for each in others if number(each) in first}
+    if own == BESIDE:
+        waited |= {each for each in others if each.stem.startswith("2")}
     if own == CAMPAIGNS and scale == "full":
         late = ("5", *SUMMARY)
         waited |= {each for each in others if not each.stem.startswith(late)}

@@ -49,9 +49,24 @@ A manifest says what lies where. Patterns are relative to it::
     classes = { 0 = 0, 60 = 1, 120 = 2, 180 = 3, 240 = 4 }     # theirs = Table 5.1
 
 Only ``name``, ``frame_rate_hz`` and ``[gray]`` are needed. Coordinates and labels may
-cover some frames only. With ``form = "points"`` each file lists row, col, x, y, z of
-points: in CSV by name, in arrays (n, 5) by position. ``origin = 1`` counts pixels from
-1.
+cover some frames only. ``{subset}`` in all patterns stands for the name of a subset
+(`open_subsets`). `kilnflight.recording.survey` drafts a manifest of an archive.
+
+===========  ===========  ==========================================================
+table        form         each file holds
+===========  ===========  ==========================================================
+coordinates  ``grid``     (rows, cols, 3) x, y, z
+coordinates  ``lines``    a line x y z for each pixel, in text
+coordinates  ``points``   lines row col x y z of pixels with depth
+coordinates  ``indexed``  (n, 3) x, y, z; ``index`` names what numbers the pixels
+coordinates  ``cloud``    lines x y z alone; ``focal_length_px`` finds the pixels
+labels       ``grid``     (rows, cols) classes
+labels       ``table``    lines frame row col class of the labelled pixels
+===========  ===========  ==========================================================
+
+Text has spaces, tabs, commas or semicolons, and may name its columns in the first line.
+``order = "col row"`` if columns come before rows; ``y = "down"`` if y grows downwards;
+``origin = 1`` if pixels count from 1.
 
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning
 on the wall. Coordinates, the lance's too, are those of the camera as captured.
@@ -64,7 +79,8 @@ import hashlib
 import math
 import mmap
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -80,11 +96,12 @@ from kilnflight.recording.frames import (
     check_position,
     count_frames,
 )
-from kilnflight.recording.manifest import read_manifest
+from kilnflight.recording.manifest import SUBSET, FileTable, read_manifest
 from kilnflight.recording.readers import (
     Anything,
     Film,
     PictureFiles,
+    find_subsets,
     number_files,
     open_images,
 )
@@ -98,8 +115,9 @@ SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # their values are never above it
 class Part(NamedTuple):
     """Coordinates or labels: files by number of the frame, and how they are read."""
 
+    kind: str
     files: Mapping[int, Path]
-    read: Callable[[Path, tuple[int, ...]], dict[str, Anything]]
+    table: FileTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +177,31 @@ class FileRecording:
         gray = self.gray(t)
         number = self.numbers[t]
         found = dict[str, Any]()
-        for files, read in self.parts:
+        for kind, files, table in self.parts:
             if number in files:
-                found |= read(files[number], gray.shape)
+                read = table.read_labels if kind == "labels" else table.read_points
+                try:
+                    found |= read(files[number], gray.shape, number)
+                except InputError as error:
+                    raise InputError(
+                        f"{error} See [{kind}] of the manifest."
+                    ) from error
         index = self.index[t]
         time_s = (index - self.index[0]) / self.attributes.frame_rate_hz
         frame = Frame(index=index, time_s=time_s, gray=gray, **found)
-        return check_frame(frame, self.attributes)
+        try:
+            return check_frame(frame, self.attributes)
+        except InputError as error:
+            if not self.parts:
+                raise
+            told = f"{error} See unit, invalid, order and origin in the manifest."
+            raise InputError(told) from error
+
+    @property
+    def labelled(self) -> list[int]:
+        """Positions of the frames with labels."""
+        known = {n for part in self.parts if part.kind == "labels" for n in part.files}
+        return [t for t, number in enumerate(self.numbers) if number in known]
 
     @property
     def files(self) -> list[Path]:
@@ -180,7 +216,8 @@ class FileRecording:
 
         Of files the names, sizes and times count, of arrays in memory the values.
         """
-        digest = hashlib.sha256(repr((self, list(self.numbers))).encode())
+        tables = [part.table for part in self.parts]
+        digest = hashlib.sha256(repr((self, list(self.numbers), tables)).encode())
         if not isinstance(self.images, Film | PictureFiles):
             for t in range(len(self)):
                 digest.update(self.gray(t).tobytes())
@@ -260,26 +297,69 @@ def _open_path(
 
 
 def _open_manifest(path: Path) -> FileRecording:
-    try:
+    with _naming(path):
         facts, tables = read_manifest(path)
-        gray = tables.pop("gray")
-        images, numbers = open_images(gray.pattern, path.parent, gray.key)
-        parts = []
-        for name, table in tables.items():
-            files = number_files(table.pattern, path.parent)
-            extra = files.keys() - set(numbers)
-            if extra:
-                raise InputError(
-                    f"{files[min(extra)]} is of frame {min(extra)}, without gray."
-                )
-            is_labels = name == "labels"
-            read = table.read_labels if is_labels else table.read_points
-            parts.append(Part(files, read))
-        return _recording(images, numbers, facts, gray.channel, parts)
+        if SUBSET in tables["gray"].pattern:
+            names = ", ".join(find_subsets(tables["gray"].pattern, path.parent))
+            raise InputError(f"it has subsets. Write one of {names} for {SUBSET}.")
+        return _put_together(path.parent, facts, tables)
+
+
+def open_subsets(path: Path | str) -> dict[str, FileRecording]:
+    """Open the subsets of a manifest, whose patterns hold ``{subset}``, by name.
+
+    A manifest without subsets has one, under its own name. Errors are those of
+    `open_any`.
+    """
+    path = Path(path)
+    with _naming(path):
+        facts, tables = read_manifest(path)
+        pattern = tables["gray"].pattern
+        if SUBSET not in pattern:
+            return {facts["name"]: _put_together(path.parent, facts, tables)}
+        recordings = {}
+        for name in find_subsets(pattern, path.parent):
+            own = {kind: table.of_subset(name) for kind, table in tables.items()}
+            facts |= {"name": name}
+            recordings[name] = _put_together(path.parent, facts, own)
+        return recordings
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Raise errors of a manifest as an `InputError` that names it."""
+    try:
+        yield
     # Not there, no text or TOML, nested too deep, a value of a wrong type.
     except (OSError, TypeError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: {reason}") from error
+
+
+def _put_together(
+    folder: Path, facts: Mapping[str, Any], tables: Mapping[str, FileTable]
+) -> FileRecording:
+    """Return the recording of a manifest's tables, whose files are in a folder."""
+    gray = tables["gray"]
+    images, numbers = open_images(gray.pattern, folder, gray.key)
+    parts = []
+    for kind in ("coordinates", "labels"):
+        if kind not in tables:
+            continue
+        table = tables[kind]
+        if table.form == "table" and "{frame" not in table.pattern:
+            file = folder / table.pattern
+            listed = table.read_table(file)["frame"].unique()
+            files = dict.fromkeys(map(int, listed), file)
+        else:
+            files = number_files(table.pattern, folder)
+        extra = files.keys() - set(numbers)
+        if extra:
+            raise InputError(
+                f"{files[min(extra)]} is of frame {min(extra)}, without gray."
+            )
+        parts.append(Part(kind, files, table))
+    return _recording(images, numbers, facts, gray.channel, parts)
 
 
 def _recording(

@@ -1,15 +1,20 @@
-"""Manifests: facts about a recording, and the tables of its files."""
+"""Manifests: facts about a recording, and the tables of its files.
+
+`kilnflight.recording.files` shows one.
+"""
 
 import re
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
 from kilnflight.recording.readers import Anything, read_array
@@ -25,7 +30,14 @@ FACTS = (  # attributes that a manifest states
     "depth_calibration",
 )
 TABLES = ("gray", "coordinates", "labels")
-MM_PER_UNIT = {"mm": 1.0, "m": 1000.0}
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+FORMS = {
+    "gray": ("grid",),
+    "coordinates": ("grid", "lines", "points", "indexed", "cloud"),
+    "labels": ("grid", "table"),
+}
+ORDERS = ("row col", "col row")
+SUBSET = "{subset}"  # stands for the name of a subset in a pattern
 LONGEST = 2**15  # characters; TOML of dots alone is read for hours
 
 
@@ -42,7 +54,21 @@ class FileTable:
     channel
         Of coloured pictures, one of red, green and blue.
     form
-        ``"grid"``: (rows, cols, 3) x, y, z; ``"points"``: (n, 5) row, col, x, y, z.
+        Of coordinates ``"grid"``: (rows, cols, 3) x, y, z; ``"lines"``: (rows * cols,
+        3), a line for each pixel; ``"points"``: (n, 5) row, col, x, y, z;
+        ``"indexed"``: (n, 3) of the pixels that ``index`` numbers; ``"cloud"``: (n, 3)
+        without pixels, which ``focal_length_px`` finds. Of labels ``"grid"``: (rows,
+        cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels.
+    index
+        Variable with the number of each point's pixel, as MATLAB's ``find`` gives it.
+    order
+        ``"row col"``, or ``"col row"`` where columns come before rows: in points and
+        tables the first two columns, in grids the first two axes; lines and indices
+        then go down the columns, as MATLAB's ``(:)`` does.
+    y
+        Whether y grows ``"up"`` or ``"down"``.
+    focal_length_px
+        Of a cloud: col = (cols - 1) / 2 + f x / z, row = (rows - 1) / 2 - f y / z.
     invalid
         Depth of a pixel that has none.
     unit
@@ -57,6 +83,10 @@ class FileTable:
     key: str | None = None
     channel: str | None = None
     form: str = "grid"
+    order: str = "row col"
+    y: str = "up"
+    index: str | None = None
+    focal_length_px: float = 0.0
     invalid: float | str = "nan"
     unit: str = "mm"
     origin: int = 0
@@ -73,50 +103,132 @@ class FileTable:
         table = cls(**given)
         fits = {
             "pattern": isinstance(table.pattern, str),
-            "form": table.form in ("grid", "points"),
+            "form": table.form in FORMS[name],
+            "order": table.order in ORDERS,
+            "y": table.y in ("up", "down"),
             "invalid": table.invalid == "nan" or type(table.invalid) in (int, float),
             "unit": table.unit in tuple(MM_PER_UNIT),
             "origin": table.origin in (0, 1),
             "classes": _are_classes(table.classes),
+            "focal_length_px": _is_focal_length(table),
+            "index": isinstance(table.index, str) == (table.form == "indexed"),
         }
         for key, usable in fits.items():
             if not usable:
-                raise _unusable(f"{where}{key}", given[key])
+                raise _unusable(f"{where}{key}", given.get(key))
         return table
 
-    def read_points(self, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
+    def of_subset(self, name: str) -> Self:
+        """Return the table of one subset, for patterns with `SUBSET`."""
+        return replace(self, pattern=self.pattern.replace(SUBSET, name))
+
+    def read_points(
+        self, path: Path, size: tuple[int, ...], _number: int
+    ) -> dict[str, Anything]:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
-        where = str(path)
-        array = real_numbers(read_array(path, self.key), where)
-        if self.form == "grid":
-            check_shape(array, (*size, 3), where)
-            pixels = np.indices(size).reshape(2, -1).T
+        array = real_numbers(read_array(path, self.key), str(path))
+        if self.form == "lines":
+            check_shape(array, (size[0] * size[1], 3), str(path))
+            lines_first = size if self.order == "row col" else size[::-1]
+            array = array.reshape(*lines_first, 3)
+        if self.form in ("grid", "lines"):
+            array = self._rows_first(array, (*size, 3), path)
         else:
-            check_shape(array, (None, 5), where)
-            pixels = array[:, :2] - self.origin
+            columns = 5 if self.form == "points" else 3
+            check_shape(array, (None, columns), str(path))
         xyz = array[..., -3:].reshape(-1, 3)
         depth = xyz[:, 2].astype(np.float32)
         known = ~np.isnan(xyz).any(axis=1) & (depth != np.float32(self.invalid))
-        with np.errstate(all="ignore"):  # what cannot be stored is refused
-            whole = pixels[known].astype(np.int32)
-            positions = (xyz[known] * MM_PER_UNIT[self.unit]).astype(np.float32)
-        if (whole != pixels[known]).any() or (len(known) and not known.any()):
+        with np.errstate(all="ignore"):  # what cannot be stated is refused
+            positions = (xyz * MM_PER_UNIT[self.unit]).astype(np.float32)
+            if self.y == "down":
+                positions[:, 1] *= -1.0
+            pixels = self._pixels(array, positions, size, path)[known]
+            whole = pixels.astype(np.int32)
+        if (whole != pixels).any() or (len(known) and not known.any()):
             raise InputError(
                 f"{path}: row and col of a point are not whole, or none has a position."
             )
-        return {"pixels": whole, "xyz": positions}
+        return {"pixels": whole, "xyz": positions[known]}
 
-    def read_labels(self, path: Path, size: tuple[int, ...]) -> dict[str, Anything]:
-        """Read the classes (rows, cols) of Table 5.1."""
-        image = read_array(path, self.key)
-        check_shape(image, size, str(path))
-        classes = {int(theirs): ours for theirs, ours in self.classes.items()}
-        values = pd.Series(image.ravel())
-        labels = values.map(classes)
+    def _rows_first(
+        self, array: Anything, shape: tuple[int, ...], path: Path
+    ) -> Anything:
+        """Return a grid of that shape; its first two axes are swapped if cols lead."""
+        if self.order == "col row" and array.ndim > 1:
+            array = np.swapaxes(array, 0, 1)
+        check_shape(array, shape, str(path))
+        return array
+
+    def _pixels(
+        self, array: Anything, xyz: Anything, size: tuple[int, ...], path: Path
+    ) -> Anything:
+        """Return row and col (n, 2) of all points; ``xyz`` (n, 3) is in mm, y up."""
+        if self.form == "points":
+            listed = array[:, :2] - self.origin
+            return listed if self.order == "row col" else listed[:, ::-1]
+        if self.form == "indexed":
+            number = real_numbers(read_array(path, self.index), str(path)).ravel()
+            check_shape(number, (len(xyz),), f"{path}, {self.index}")
+            first_axis = size[1] if self.order == "row col" else size[0]
+            listed = np.stack(np.divmod(number - self.origin, first_axis), axis=1)
+            return listed if self.order == "row col" else listed[:, ::-1]
+        if self.form == "cloud":
+            x, y, z = xyz.astype(np.float64).T
+            across = np.column_stack([-y, x]) * (self.focal_length_px / z)[:, None]
+            return np.rint((np.array(size) - 1) / 2 + across)
+        return np.indices(size).reshape(2, -1).T
+
+    def read_labels(
+        self, path: Path, size: tuple[int, ...], number: int
+    ) -> dict[str, Anything]:
+        """Read the classes (rows, cols) of Table 5.1 in frame ``number``."""
+        if self.form == "table":
+            return {"labels": self._painted(path, size, number)}
+        image = self._rows_first(read_array(path, self.key), size, path)
+        return {"labels": self._classes_of(image.ravel(), path).reshape(size)}
+
+    def read_table(self, path: Path) -> pd.DataFrame:
+        """Read labelled pixels: ``frame``, ``row``, ``col``, ``class`` of theirs."""
+        array = real_numbers(read_array(path, self.key), str(path))
+        check_shape(array, (None, 4), str(path))
+        table = pd.DataFrame(array, columns=["frame", *self.order.split(), "class"])
+        return table.assign(
+            row=table["row"] - self.origin, col=table["col"] - self.origin
+        )
+
+    def _painted(self, path: Path, size: tuple[int, ...], number: int) -> Picture:
+        """Return the classes of the pixels that a table lists; all others are wall."""
+        table = self.read_table(path)
+        rows = table[table["frame"] == number]
+        places = rows[["row", "col"]].to_numpy()
+        wrong = (places % 1 != 0) | (places < 0) | (places >= size)
+        if wrong.any():
+            first = places[wrong.any(axis=1).argmax()]
+            raise InputError(
+                f"{path}, frame {number}: row and col {first.tolist()} are no pixel of "
+                f"{size}. Change order or origin of [labels]."
+            )
+        image = np.zeros(size, np.uint8)
+        image[tuple(places.astype(int).T)] = self._classes_of(rows["class"], path)
+        return image
+
+    def _classes_of(self, values: npt.ArrayLike, path: Path) -> Picture:
+        """Return the classes of Table 5.1 (n,) by those of the files."""
+        classes = {float(theirs): ours for theirs, ours in self.classes.items()}
+        given = pd.Series(np.asarray(values))
+        labels = given.map(classes)
         if labels.isna().any():
-            unknown = values[labels.isna().argmax()]
-            raise InputError(f"{path}: class {unknown} is not in classes. Add it.")
-        return {"labels": labels.to_numpy(np.uint8).reshape(size)}
+            unknown = given[labels.isna().argmax()]
+            raise InputError(f"{path}: class {unknown:g} is not in classes. Add it.")
+        return labels.to_numpy().astype(np.uint8)
+
+
+def _is_focal_length(table: FileTable) -> bool:
+    """Return whether a focal length is given where it is needed, and only there."""
+    value = table.focal_length_px
+    needed = table.form == "cloud"
+    return type(value) in (int, float) and (value > 0) == needed
 
 
 def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:

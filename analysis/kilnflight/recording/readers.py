@@ -2,6 +2,7 @@
 
 import fnmatch
 import glob
+import io
 import logging
 import re
 from collections.abc import Sequence
@@ -13,16 +14,19 @@ import cv2
 import h5py
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import scipy.io
 import tifffile
 
-from kilnflight.checks import InputError, check_columns
-from kilnflight.recording.track_files import read_csv
+from kilnflight.checks import InputError
 
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", *TIFFS)
 POINT = ["row", "col", "x", "y", "z"]
+# Columns of text tables by name; a header may hold more, in any order.
+NAMED = (POINT, ["frame", "row", "col", "class"], ["x", "y", "z"])
+TEXTS = (".csv", ".txt", ".dat", ".asc")
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Anything = npt.NDArray[Any]
 
@@ -142,6 +146,22 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     return files
 
 
+def find_subsets(pattern: str, folder: Path) -> list[str]:
+    """Find what stands for ``{subset}`` in the files of a pattern, in order."""
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", pattern)
+    form = re.escape(text).replace("FRAME", r"\d+")
+    form = form.replace(re.escape("{subset}"), "(?P<subset>[^/]+)", 1)
+    form = form.replace(re.escape("{subset}"), "(?P=subset)").replace(r"\*", "[^/]*")
+    names = glob.glob(
+        text.replace("FRAME", "*").replace("{subset}", "*"), root_dir=folder
+    )
+    fitting = [re.fullmatch(form, Path(name).as_posix()) for name in names]
+    found = sorted({match["subset"] for match in fitting if match})
+    if not found:
+        raise InputError(f"{folder / pattern}: no file fits the pattern.")
+    return found
+
+
 def read_array(path: Path, key: str | None = None) -> Anything:
     """Read the array or picture in a file; parameters as for `read_stack`."""
     array = read_stack(path, key)
@@ -156,7 +176,8 @@ def read_stack(path: Path, key: str | None = None) -> Anything:
     ----------
     path
         The file. MAT v7.3 comes in MATLAB's order of axes; colours come as red, green,
-        blue in a last axis; CSV comes as (n, 5), the columns of `POINT`.
+        blue in a last axis. Text comes as (n, k) numbers, with a header as one of
+        `NAMED`.
     key
         Variable or data set, where a file holds several.
 
@@ -175,6 +196,21 @@ def read_stack(path: Path, key: str | None = None) -> Anything:
         raise InputError(f"{path}: {reason}") from error
 
 
+def variables(path: Path) -> dict[str | None, Anything]:
+    """Read all arrays of a file by name; None where it holds one without a name."""
+    if path.suffix.lower() not in (".mat", ".h5", ".hdf5"):
+        return {None: read_array(path)}
+    try:
+        if h5py.is_hdf5(path):
+            with h5py.File(path) as file:
+                held = [name for name in file if isinstance(file[name], h5py.Dataset)]
+        else:
+            held = [name for name, *_ in scipy.io.whosmat(path)]
+    except Exception as error:  # libraries raise anything on damaged bytes
+        raise InputError(f"{path}: cannot be read. Is it cut off?") from error
+    return {name: read_array(path, name) for name in held}
+
+
 def _read(path: Path, key: str | None) -> Anything:
     ending = path.suffix.lower()
     if ending in TIFFS:
@@ -182,10 +218,8 @@ def _read(path: Path, key: str | None) -> Anything:
     if ending in PICTURES:
         content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
         return _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))[None]
-    if ending == ".csv":
-        table = read_csv(path)
-        check_columns(table, POINT, str(path))
-        return table[POINT].to_numpy()
+    if ending in TEXTS:
+        return _read_text(path)
     if ending == ".npy":
         return np.atleast_1d(np.load(path, mmap_mode="r"))
     if ending == ".mat" and not h5py.is_hdf5(path):
@@ -195,6 +229,26 @@ def _read(path: Path, key: str | None) -> Anything:
             array = _choose(file, key)
         return array.T if ending == ".mat" else array
     raise InputError("this kind of file is not known. Convert it.")
+
+
+def _read_text(path: Path) -> Anything:
+    """Return the numbers of a text table, (n, k); the first line may name columns."""
+    text = path.read_text("utf-8-sig")
+    if not text.endswith("\n"):
+        raise InputError("its last line is cut")
+    first = text.split("\n", 1)[0]
+    separator = next((each for each in ",;\t" if each in first), r"\s+")
+    words = re.findall(r"[a-z_]+", first.lower())
+    if not {*words} - {"nan", "inf", "e"}:
+        table = pd.read_csv(io.StringIO(text), sep=separator, header=None)
+        return table.to_numpy(np.float64)
+    table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
+    table.columns = table.columns.str.strip().str.lower()
+    for names in NAMED:
+        if {*names} <= {*table.columns}:
+            return table[names].to_numpy(np.float64)
+    told = " or ".join(", ".join(names) for names in NAMED)
+    raise InputError(f"its columns are {', '.join(table.columns)}; name them {told}")
 
 
 def _choose(content: Any, key: str | None) -> Anything:

@@ -8,15 +8,17 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, Self, cast
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import chain
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, Index, Picture
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
@@ -36,8 +38,11 @@ from kilnflight.detection.combination import (
     second_pass,
 )
 from kilnflight.detection.quasi_centers import nearest_neighbors
+from kilnflight.detection.region import inside
 from kilnflight.detection.wall import Cylinder, distance_to_axis
+from kilnflight.recording.files import open_subsets
 from kilnflight.recording.frames import Recording, calibrated_cloud
+from kilnflight.recording.survey import check_frame_fits
 from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import NEAR_GATE_PX, FrameScore, particle_centroids
 from kilnflight.simulated.kiln import scenes, truth
@@ -116,6 +121,35 @@ class Subset(NamedTuple):
     cache: dict[int, View]
 
     @classmethod
+    def of_labels(cls, name: str, recording: Recording, frames: Sequence[int]) -> Self:
+        """Mark the particles that the labels of a recording show.
+
+        Pixels of one class that touch, corners included, are a particle. The background
+        is the median of the up to 150 frames around, or of those there are.
+        """
+        shown = {recording.frame(t).index: t for t in frames}
+
+        def marks(number: int) -> tuple[npt.NDArray[np.int32], pd.DataFrame]:
+            labels = recording.frame(shown[number]).labels
+            assert labels is not None  # these frames are labelled
+            return mark_labels(labels)
+
+        parts = [marks(number)[1].assign(frame=number) for number in shown]
+        particles = pd.concat(parts, ignore_index=True)
+        roi = recording.attributes.roi
+        if roi is not None:
+            particles = particles[inside(roi, particles["row"], particles["col"])]
+        return cls(
+            name=name,
+            recording=recording,
+            frames=tuple(frames),
+            particles=particles,
+            instances=lambda number: marks(number)[0],
+            background=Median(),
+            cache={},
+        )
+
+    @classmethod
     def of(
         cls, twin: Twin, frames: tuple[int, ...], background: BackgroundModel
     ) -> Self:
@@ -167,6 +201,56 @@ def labelled_subsets(
     for name in SUBSETS[scale]:
         twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
         subsets.append(Subset.of(twin, labelled, BACKGROUNDS[scale]))
+    return subsets
+
+
+def mark_labels(labels: Picture) -> tuple[npt.NDArray[np.int32], pd.DataFrame]:
+    """Return the particle (rows, cols) at each pixel (-1: none), and all particles.
+
+    Returns
+    -------
+    image
+        Number of the particle.
+    table
+        ``particle``, ``row``, ``col`` (of its centroid), ``label``.
+    """
+    image = np.full(labels.shape, -1, np.int32)
+    parts = []
+    first = 0
+    for kind in truth.CLASSES:
+        count, spots, _, places = cv2.connectedComponentsWithStats(
+            (labels == kind).astype(np.uint8)
+        )
+        spot = spots > 0
+        image[spot] = spots[spot] - 1 + first
+        number = np.arange(first, first + count - 1)
+        part = {"particle": number, "row": places[1:, 1], "col": places[1:, 0]}
+        parts.append(pd.DataFrame(part).assign(label=kind))
+        first += count - 1
+    return image, pd.concat(parts, ignore_index=True)
+
+
+def open_labelled(path: Path) -> list[Subset]:
+    """Open the labelled frames of a manifest, such as the authors' 50, by subset.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read, has no labels, or its first labelled frame
+        contradicts the manifest; or if there is one subset.
+    """
+    subsets = []
+    for name, recording in open_subsets(path).items():
+        if not recording.labelled:
+            raise InputError(f"{path}: subset {name} has no labels. Add [labels].")
+        first = recording.frame(recording.labelled[0])
+        check_frame_fits(first, f"{path}, subset {name}")
+        subsets.append(Subset.of_labels(name, recording, recording.labelled))
+    if len(subsets) < 2:
+        raise InputError(
+            f"{path}: one subset; the threshold of one is found on others (section "
+            "5.1.3). Write {subset} in the patterns."
+        )
     return subsets
 
 
