@@ -185,10 +185,10 @@ def _info(options: argparse.Namespace) -> None:
 def _import(options: argparse.Namespace) -> None:
     """Store a recording as Zarr; of an archive of many, draft the manifest."""
     from kilnflight.film.report import aligned, summarise_recording
-    from kilnflight.recording import survey
+    from kilnflight.recording.series import is_archive
     from kilnflight.recording.store import write_recording
 
-    if survey.is_archive(Path(options.recording)):
+    if is_archive(Path(options.recording)):
         _draft(Path(options.recording), options.to)
         return
     recording = _opened(options, options.to)
@@ -201,10 +201,10 @@ def _import(options: argparse.Namespace) -> None:
 def _draft(source: Path, target: Path | None) -> None:
     """Say what an archive or folder holds, and write the draft of its manifest."""
     from kilnflight.checks import InputError
-    from kilnflight.recording import survey
+    from kilnflight.recording import series, survey
     from kilnflight.store.cache import write_whole
 
-    folder = source if source.is_dir() else survey.unpack(source)
+    folder = source if source.is_dir() else series.unpack(source)
     target = target or folder / "labelled.toml"
     if target.exists() or target.parent.resolve() != folder.resolve():
         raise InputError(f"{target}: name a new file in {folder}.")

@@ -1,4 +1,4 @@
-"""Labelled frames written out as MATLAB users leave them: eight layouts.
+"""Labelled frames written out as MATLAB users leave them: nine layouts.
 
 `LAYOUTS` maps a name to a function of a folder and of recordings by subset. It writes
 their frames and returns the answers to the questions of the draft: what stands in the
@@ -139,6 +139,17 @@ def clouds_without_pixels(folder, subsets):
         text(folder / f"{name}_xyz" / f"{k:02d}.csv", frame.xyz, ",", "x,y,z")
 
 
+def subsets_by_word(folder, subsets):
+    """Subsets without a number; x, y, z one by one, z below 0; labels by frame."""
+    for name, k, frame in frames(subsets):
+        picture(folder / name / "cam" / f"{k:02d}.tiff", frame.gray)
+        (folder / name / "depth").mkdir(exist_ok=True)
+        x, y, z = np.moveaxis(grid(frame), 2, 0)
+        content = {"X": x, "Y": y, "Z": -z}
+        scipy.io.savemat(folder / name / "depth" / f"{k:02d}.mat", content)
+        text(folder / name / "marks" / f"{k:02d}.txt", labelled(frame), "\t")
+
+
 LAYOUTS = {
     each.__name__: each
     for each in (
@@ -150,5 +161,6 @@ LAYOUTS = {
         points_col_row,
         clouds_with_indices,
         clouds_without_pixels,
+        subsets_by_word,
     )
 }

@@ -1,4 +1,4 @@
-"""Archives of labelled frames in eight layouts, and in layouts that are wrong."""
+"""Archives of labelled frames in nine layouts, and in layouts that are wrong."""
 
 import re
 import zipfile
@@ -13,7 +13,7 @@ from tests.recording.layouts import FIVE, LAYOUTS, grid, picture, text
 from kilnflight.checks import InputError
 from kilnflight.experiments.detection import labelled
 from kilnflight.publication import notebooks
-from kilnflight.recording import survey
+from kilnflight.recording import series, survey
 from kilnflight.recording.files import open_any, open_subsets
 from kilnflight.simulated.kiln import scenes
 
@@ -93,6 +93,8 @@ def expected(subsets):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_gives_the_same_table(tmp_path, subsets, expected, layout):
+    if layout == "subsets_by_word":
+        subsets = dict(zip(("1_paper", "2_wood"), subsets.values(), strict=True))
     LAYOUTS[layout](tmp_path, subsets)
     found = labelled.open_labelled(answered(tmp_path, subsets))
     assert [subset.name for subset in found] == [*subsets]
@@ -116,15 +118,24 @@ def test_a_zip_is_unpacked_once_and_drafted(tmp_path, subsets):
     with zipfile.ZipFile(tmp_path / "set.zip", "w") as file:
         for path in folder.rglob("*.*"):
             file.write(path, path.relative_to(folder))
-    assert survey.is_archive(tmp_path / "set.zip")
-    assert survey.is_archive(folder)
-    assert not survey.is_archive(folder / "V1" / "gray_01.png")
-    unpacked = survey.unpack(tmp_path / "set.zip")
-    assert survey.unpack(tmp_path / "set.zip") == unpacked
+    assert series.is_archive(tmp_path / "set.zip")
+    assert series.is_archive(folder)
+    assert not series.is_archive(folder / "V1" / "gray_01.png")
+    unpacked = series.unpack(tmp_path / "set.zip")
+    assert series.unpack(tmp_path / "set.zip") == unpacked
     assert (
         survey.draft(unpacked)[1].splitlines()[1:]
         == (survey.draft(folder)[1].splitlines()[1:])
     )
+
+
+def test_another_folder_of_that_name_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "set.zip", "w") as file:
+        file.writestr("a.txt", "1 2 3\n")
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "mine.txt").write_text("4 5 6\n")
+    with pytest.raises(InputError, match=r"set\.zip"):
+        series.unpack(tmp_path / "set.zip")
 
 
 def test_an_archive_that_is_cut_or_none_is_named(tmp_path, subsets):
@@ -134,7 +145,7 @@ def test_an_archive_that_is_cut_or_none_is_named(tmp_path, subsets):
     cut = tmp_path / "cut.zip"
     cut.write_bytes(whole.read_bytes()[:200])
     with pytest.raises(InputError, match=r"cut\.zip"):
-        survey.unpack(cut)
+        series.unpack(cut)
     assert not (tmp_path / "cut").exists()
     with pytest.raises(InputError, match="no pictures"):
         survey.draft(tmp_path / "nothing")
@@ -149,7 +160,7 @@ def test_an_archive_with_a_password_is_named(tmp_path):
     content[content.index(b"PK\x01\x02") + 8] |= 1  # the same in the directory
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"closed\.zip: has a password"):
-        survey.unpack(path)
+        series.unpack(path)
     assert not (tmp_path / "closed").exists()
 
 
@@ -166,6 +177,7 @@ def one_subset(folder, subset, **changes):
 
 
 CHANGES = {
+    "z back": ({"xyz": lambda xyz: xyz * [1, 1, -1]}, 'z = "back"'),
     "columns lead": ({"xyz": lambda xyz: np.swapaxes(xyz, 0, 1)}, 'order = "col row"'),
     "y down": ({"xyz": lambda xyz: xyz * [1, -1, 1]}, 'y = "down"'),
     "metres": ({"xyz": lambda xyz: xyz / 1000}, 'unit = "m"'),
@@ -247,6 +259,7 @@ def test_points_that_no_pixel_fits_get_a_question(tmp_path, subsets):
         ("gray/V{s}_{f}.png", "gray/{subset}_{frame}.png"),
         ("{f:03d}_V{s}_16bit.png", "{frame}_{subset}_16bit.png"),
         ("V{s}/V{s}_{f}.png", "{subset}/{subset}_{frame}.png"),
+        ("V{s}_202{s}/gray_{f}.png", "{subset}/gray_{frame}.png"),
         ("set2/{s}/gray/{f}.png", "set2/{subset}/gray/{frame}.png"),
     ],
 )

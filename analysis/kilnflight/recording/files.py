@@ -61,12 +61,13 @@ coordinates  ``points``   lines row col x y z of pixels with depth
 coordinates  ``indexed``  (n, 3) x, y, z; ``index`` names what numbers the pixels
 coordinates  ``cloud``    lines x y z alone; ``focal_length_px`` finds the pixels
 labels       ``grid``     (rows, cols) classes
-labels       ``table``    lines frame row col class of the labelled pixels
+labels       ``table``    lines (frame) row col class of the labelled pixels
 ===========  ===========  ==========================================================
 
 Text has spaces, tabs, commas or semicolons, and may name its columns in the first line.
 ``order = "col row"`` if columns come before rows; ``y = "down"`` if y grows downwards;
-``origin = 1`` if pixels count from 1.
+``z = "back"`` if depths are below 0; ``origin = 1`` if pixels count from 1;
+``key = ["X", "Y", "Z"]`` if a file holds these one by one.
 
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning
 on the wall. Coordinates, the lance's too, are those of the camera as captured.

@@ -17,7 +17,7 @@ import pandas as pd
 from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
-from kilnflight.recording.readers import Anything, read_array
+from kilnflight.recording.readers import Anything, Key, read_array
 
 FACTS = (  # attributes that a manifest states
     "name",
@@ -50,7 +50,8 @@ class FileTable:
     pattern
         Path or pattern, relative to the manifest.
     key
-        Variable or data set, where a file holds several.
+        Variable or data set, where a file holds several; a list where x, y, z are one
+        by one.
     channel
         Of coloured pictures, one of red, green and blue.
     form
@@ -58,7 +59,8 @@ class FileTable:
         3), a line for each pixel; ``"points"``: (n, 5) row, col, x, y, z;
         ``"indexed"``: (n, 3) of the pixels that ``index`` numbers; ``"cloud"``: (n, 3)
         without pixels, which ``focal_length_px`` finds. Of labels ``"grid"``: (rows,
-        cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels.
+        cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels, (n, 3)
+        without frame where a file is of one.
     index
         Variable with the number of each point's pixel, as MATLAB's ``find`` gives it.
     order
@@ -67,6 +69,8 @@ class FileTable:
         then go down the columns, as MATLAB's ``(:)`` does.
     y
         Whether y grows ``"up"`` or ``"down"``.
+    z
+        ``"ahead"``, or ``"back"`` where depths are below 0.
     focal_length_px
         Of a cloud: col = (cols - 1) / 2 + f x / z, row = (rows - 1) / 2 - f y / z.
     invalid
@@ -80,11 +84,12 @@ class FileTable:
     """
 
     pattern: str
-    key: str | None = None
+    key: Key = None
     channel: str | None = None
     form: str = "grid"
     order: str = "row col"
     y: str = "up"
+    z: str = "ahead"
     index: str | None = None
     focal_length_px: float = 0.0
     invalid: float | str = "nan"
@@ -106,6 +111,7 @@ class FileTable:
             "form": table.form in FORMS[name],
             "order": table.order in ORDERS,
             "y": table.y in ("up", "down"),
+            "z": table.z in ("ahead", "back"),
             "invalid": table.invalid == "nan" or type(table.invalid) in (int, float),
             "unit": table.unit in tuple(MM_PER_UNIT),
             "origin": table.origin in (0, 1),
@@ -143,6 +149,8 @@ class FileTable:
             positions = (xyz * MM_PER_UNIT[self.unit]).astype(np.float32)
             if self.y == "down":
                 positions[:, 1] *= -1.0
+            if self.z == "back":
+                positions[:, 2] *= -1.0
             pixels = self._pixels(array, positions, size, path)[known]
             whole = pixels.astype(np.int32)
         if (whole != pixels).any() or (len(known) and not known.any()):
@@ -188,9 +196,14 @@ class FileTable:
         image = self._rows_first(read_array(path, self.key), size, path)
         return {"labels": self._classes_of(image.ravel(), path).reshape(size)}
 
-    def read_table(self, path: Path) -> pd.DataFrame:
-        """Read labelled pixels: ``frame``, ``row``, ``col``, ``class`` of theirs."""
+    def read_table(self, path: Path, number: int = 0) -> pd.DataFrame:
+        """Read labelled pixels: ``frame``, ``row``, ``col``, ``class`` of theirs.
+
+        All are of frame ``number`` in a table without frames.
+        """
         array = real_numbers(read_array(path, self.key), str(path))
+        if array.shape[1:] == (3,):
+            array = np.insert(array, 0, number, axis=1)
         check_shape(array, (None, 4), str(path))
         table = pd.DataFrame(array, columns=["frame", *self.order.split(), "class"])
         return table.assign(
@@ -199,7 +212,7 @@ class FileTable:
 
     def _painted(self, path: Path, size: tuple[int, ...], number: int) -> Picture:
         """Return the classes of the pixels that a table lists; all others are wall."""
-        table = self.read_table(path)
+        table = self.read_table(path, number)
         rows = table[table["frame"] == number]
         places = rows[["row", "col"]].to_numpy()
         wrong = (places % 1 != 0) | (places < 0) | (places >= size)

@@ -25,10 +25,16 @@ TIFFS = (".tif", ".tiff")
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", *TIFFS)
 POINT = ["row", "col", "x", "y", "z"]
 # Columns of text tables by name; a header may hold more, in any order.
-NAMED = (POINT, ["frame", "row", "col", "class"], ["x", "y", "z"])
+NAMED = (
+    POINT,
+    ["frame", "row", "col", "class"],
+    ["row", "col", "class"],
+    ["x", "y", "z"],
+)
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Anything = npt.NDArray[Any]
+Key = str | Sequence[str] | None  # variable or data set; several become columns
 
 # tifffile would print what is raised here.
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)
@@ -39,7 +45,7 @@ class PictureFiles:
     """Pictures in one file each."""
 
     files: Sequence[Path]
-    key: str | None = None
+    key: Key = None
 
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``."""
@@ -77,7 +83,7 @@ class Film:
 
 
 def open_images(
-    pattern: str, folder: Path, key: str | None = None
+    pattern: str, folder: Path, key: Key = None
 ) -> tuple[Any, Sequence[int]]:
     """Open the pictures of a file, folder or pattern.
 
@@ -162,14 +168,14 @@ def find_subsets(pattern: str, folder: Path) -> list[str]:
     return found
 
 
-def read_array(path: Path, key: str | None = None) -> Anything:
+def read_array(path: Path, key: Key = None) -> Anything:
     """Read the array or picture in a file; parameters as for `read_stack`."""
     array = read_stack(path, key)
     is_picture = path.suffix.lower() in PICTURES and len(array) == 1
     return array[0] if is_picture else array
 
 
-def read_stack(path: Path, key: str | None = None) -> Anything:
+def read_stack(path: Path, key: Key = None) -> Anything:
     """Read the array in a file, by its ending, or its pictures (n, rows, cols).
 
     Parameters
@@ -179,7 +185,8 @@ def read_stack(path: Path, key: str | None = None) -> Anything:
         blue in a last axis. Text comes as (n, k) numbers, with a header as one of
         `NAMED`.
     key
-        Variable or data set, where a file holds several.
+        Variable or data set, where a file holds several; a list of them is stacked
+        along a last axis.
 
     Raises
     ------
@@ -196,7 +203,7 @@ def read_stack(path: Path, key: str | None = None) -> Anything:
         raise InputError(f"{path}: {reason}") from error
 
 
-def variables(path: Path) -> dict[str | None, Anything]:
+def variables(path: Path) -> dict[Key, Anything]:
     """Read all arrays of a file by name; None where it holds one without a name."""
     if path.suffix.lower() not in (".mat", ".h5", ".hdf5"):
         return {None: read_array(path)}
@@ -211,7 +218,9 @@ def variables(path: Path) -> dict[str | None, Anything]:
     return {name: read_array(path, name) for name in held}
 
 
-def _read(path: Path, key: str | None) -> Anything:
+def _read(path: Path, key: Key) -> Anything:
+    if isinstance(key, list | tuple):
+        return np.squeeze(np.stack([_read(path, name) for name in key], axis=-1))
     ending = path.suffix.lower()
     if ending in TIFFS:
         return _read_tiff(path)
@@ -251,7 +260,7 @@ def _read_text(path: Path) -> Anything:
     raise InputError(f"its columns are {', '.join(table.columns)}; name them {told}")
 
 
-def _choose(content: Any, key: str | None) -> Anything:
+def _choose(content: Any, key: Any) -> Anything:
     """Return an array of a file by its key, or the only one."""
     names = [name for name in map(str, content) if not name.startswith("__")]
     name = key or "/"

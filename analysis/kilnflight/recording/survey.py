@@ -1,18 +1,11 @@
-"""What lies in an archive of labelled frames, and the draft of its manifest.
+"""The draft of a manifest of labelled frames.
 
-archive -> folder -> series of files -> kind of each -> manifest with questions
+archive -> folder -> series of files -> a table for each kind, with questions
 
-Files whose names differ in numbers alone are a series. A number in the file's name is
-the frame, if several vary a bare one or that with most values; another one that varies
-names the subset, such as V1. What a series holds is
-told by the shape and the values of its first file. A manifest is drafted from that;
-lines that the files do not decide end with a question.
+What the values of the first files decide is written down: unit, order of rows and
+columns, direction of y and z, classes. Other lines end with a question.
 """
 
-import re
-import zipfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +13,9 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.manifest import SUBSET
-from kilnflight.recording.readers import (
-    PICTURES,
-    TEXTS,
-    Anything,
-    read_array,
-    variables,
-)
-from kilnflight.store.cache import make_whole
+from kilnflight.recording.readers import Anything, read_array, variables
+from kilnflight.recording.series import Series, find_series, to_toml
 
-ENDINGS = (*PICTURES, *TEXTS, ".npy", ".mat", ".h5", ".hdf5")
-MOST_CLASSES = 16  # a picture with more values is no label picture
 METRES_BELOW = 100.0  # a median depth below it is in m: no kiln is 100 mm long
 CENTIMETRES_BELOW = 1500.0  # this one may be in cm
 LARGEST_DEPTH = 65_535.0  # a depth of 16 bits that means none
@@ -42,172 +26,6 @@ LEAST_POINTS = 10  # a correlation needs them
 SHARED = 0.005  # share of equal depths that are no depths
 # A lens of 85 mm over 11 um, as the thesis's camera (section 2.1.4, R12 data sheet).
 FOCAL_LENGTH_PX = 85.0 / 0.011
-
-
-@dataclass(frozen=True)
-class Series:
-    """Files of one kind.
-
-    Parameters
-    ----------
-    pattern
-        Their path, with ``{subset}`` and ``{frame}`` in place of what varies.
-    files
-        The files in order.
-    key
-        Variable or data set, where each file holds several.
-    kind
-        "gray", "coordinates", "labels", or "" if it is none of them.
-    form
-        Form of a table of a manifest; or why the file cannot be read.
-    first
-        Array of the first file.
-    """
-
-    pattern: str
-    files: Sequence[Path]
-    key: str | None
-    kind: str
-    form: str
-    first: Anything
-
-    def told(self) -> str:
-        """Return what it holds, in one line."""
-        known = self.first[np.isfinite(self.first)]
-        if not self.first.size:
-            return f"{self.pattern}: {len(self.files)} files, not read: {self.form}"
-        values = "no numbers"
-        if known.size:
-            values = f"{known.min():g} to {known.max():g}"
-        name = f"{self.pattern}, {self.key}" if self.key else self.pattern
-        return (
-            f"{name}: {len(self.files)} files, {self.first.dtype} "
-            f"{self.first.shape}, {values}: {self.kind or 'not recognised'}"
-        )
-
-
-def is_archive(path: Path) -> bool:
-    """Return whether a path holds more than the frames of one film.
-
-    That is a ZIP archive, or a folder with files of coordinates or with subfolders.
-    """
-    if path.suffix.lower() == ".zip":
-        return path.is_file()
-    if not path.is_dir() or (path / "zarr.json").is_file():
-        return False
-    held = [each for each in path.iterdir() if not each.name.startswith((".", "__"))]
-    others = [each for each in held if each.suffix.lower() in ENDINGS[len(PICTURES) :]]
-    return bool(others) or any(each.is_dir() for each in held)
-
-
-def unpack(archive: Path) -> Path:
-    """Unpack a ZIP archive beside it, whole or not at all, and return its folder.
-
-    Raises
-    ------
-    InputError
-        If it is cut short, damaged, or has a password.
-    """
-    folder = archive.with_suffix("")
-    if folder.is_dir():
-        return folder
-    try:
-        with zipfile.ZipFile(archive) as content:
-            damaged = content.testzip()
-            if damaged:
-                raise zipfile.BadZipFile(f"{damaged} is damaged")
-            make_whole(folder, content.extractall)
-    except NotImplementedError as error:
-        raise InputError(f"{archive}: {error}. Unpack it yourself.") from error
-    except RuntimeError as error:  # zipfile's, of a password
-        raise InputError(f"{archive}: has a password. Unpack it yourself.") from error
-    except (OSError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(
-            f"{archive}: no whole ZIP archive ({error}). Fetch it again."
-        ) from error
-    return folder
-
-
-def find_series(folder: Path) -> list[Series]:
-    """Find the series of a folder and say what each holds.
-
-    Raises
-    ------
-    InputError
-        If there is no file that can be read.
-    """
-    groups: dict[str, list[str]] = {}
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        hidden = any(part.startswith((".", "__")) for part in name.split("/"))
-        if path.suffix.lower() in ENDINGS and not hidden and path.is_file():
-            groups.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    if not groups:
-        raise InputError(f"{folder}: no pictures, arrays or tables of numbers.")
-    return [series for names in groups.values() for series in _series_of(folder, names)]
-
-
-def _series_of(folder: Path, names: Sequence[str]) -> Iterator[Series]:
-    """Yield a series for each array that the files of a group hold."""
-    files = [folder / name for name in names]
-    try:
-        held = variables(files[0])
-    except InputError as error:  # a readme, or damaged
-        yield Series(_pattern(names, True), files, None, "", str(error), np.empty(0))
-        return
-    for key, first in held.items():
-        kind, form = _kind(first)
-        several = form == "table" and len(np.unique(first[:, 0])) > 1
-        pattern = _pattern(names, one_frame=not several)
-        yield Series(pattern, files, key, kind, form, first)
-
-
-def _pattern(names: Sequence[str], one_frame: bool) -> str:
-    """Return the pattern of names that differ in numbers alone.
-
-    Without ``one_frame`` a file holds several, and no number is that of a frame.
-    """
-    words = [re.findall(r"[A-Za-z]*\d+|\D", name) for name in names]
-    columns = list(zip(*words, strict=True))
-    different = [len(set(column)) for column in columns]
-    name = max((k for k, word in enumerate(words[0]) if word == "/"), default=-1)
-
-    def likely(k: int) -> tuple[bool, bool, int, int]:
-        """Return how likely a word counts frames: a bare number in the name does."""
-        varies = different[k] > 1
-        bare = columns[k][0].isdigit()
-        return varies and k > name, varies and bare, different[k], k
-
-    frame = max(range(len(columns)), key=likely)
-    parts = list(words[0])
-    for k, column in enumerate(columns):
-        if k == frame and different[k] > 1 and one_frame:
-            parts[k] = re.sub(r"\d+", "{frame}", column[0])
-        elif different[k] > 1:
-            parts[k] = SUBSET
-    return "".join(parts)
-
-
-def _kind(array: Anything) -> tuple[str, str]:
-    """Return what an array holds and in which form, by its shape and its values."""
-    if array.dtype.kind not in "buif":
-        return "", ""
-    known = array[np.isfinite(array)]
-    whole = known.size > 0 and bool((known % 1 == 0).all())
-    if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind in "fi":
-        return "coordinates", "grid"
-    if array.ndim == 3 and array.shape[2] in (3, 4):
-        return "gray", "grid"
-    if array.ndim != 2 or not known.size:
-        return "", ""
-    if array.shape[1] in (3, 5):
-        return "coordinates", {3: "cloud", 5: "points"}[array.shape[1]]
-    if array.shape[1] == 4 and whole:
-        return "labels", "table"
-    if whole and min(array.shape) > MOST_CLASSES:
-        few = len(np.unique(known)) <= MOST_CLASSES
-        return ("labels" if few else "gray"), "grid"
-    return "", ""
 
 
 def draft(folder: Path) -> tuple[list[str], str]:
@@ -255,7 +73,7 @@ def draft(folder: Path) -> tuple[list[str], str]:
             if other.kind == kind and other is not series
         ]
         if series.key:
-            lines.append(f'key = "{series.key}"')
+            lines.append(f"key = {to_toml(series.key)}")
         if kind == "coordinates":
             lines += _coordinate_lines(series, size)
         elif kind == "labels":
@@ -278,14 +96,9 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     if form == "cloud":
         index = _index_of(series)
         form = "indexed" if index else "cloud"
-    lines = [f'form = "{form}"', f"invalid = {_toml(invalid)}"]
-    depth = np.median(np.abs(xyz[known, 2])) if known.any() else np.inf
-    if depth < METRES_BELOW:
-        lines.append('unit = "m"')
-    elif depth < CENTIMETRES_BELOW:
-        lines.append('unit = "cm"  # ? or "mm"')
-    else:
-        lines.append('unit = "mm"')
+    lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
+    depth = np.median(xyz[known, 2]) if known.any() else np.inf
+    lines += _depth_lines(float(depth))
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
         lines.append(f"focal_length_px = {FOCAL_LENGTH_PX:.1f}  {question}")
@@ -309,12 +122,25 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     return lines
 
 
+def _depth_lines(depth: float) -> list[str]:
+    """Return the lines of a manifest that a median depth decides."""
+    lines = []
+    if depth < 0:
+        lines.append('z = "back"')
+        depth = -depth
+    if depth < METRES_BELOW:
+        return [*lines, 'unit = "m"']
+    if depth < CENTIMETRES_BELOW:
+        return [*lines, 'unit = "cm"  # ? or "mm"']
+    return [*lines, 'unit = "mm"']
+
+
 def _index_of(series: Series) -> str | None:
     """Return the name of the variable that numbers the pixels of a cloud, if any."""
     for name, array in variables(series.files[0]).items():
         whole = array.dtype.kind in "buif" and (array % 1 == 0).all()
         if array.size == len(series.first) and whole:
-            return name
+            return str(name)
     return None
 
 
@@ -351,6 +177,7 @@ def _follow(row: Any, col: Any, xyz: Any, known: Any) -> tuple[float, float]:
     x, y, z = xyz[known].T
     if len(z) < LEAST_POINTS:
         return 0.0, 0.0
+    z = np.abs(z)
     down = np.corrcoef(row[known], y / z)[0, 1]
     right = np.corrcoef(col[known], x / z)[0, 1]
     return float(down), float(right)
@@ -394,9 +221,10 @@ def _invalid(depth: Any) -> float | str:
         return "nan"
     values, counts = np.unique(depth, return_counts=True)
     most = counts.argmax()
-    none = values[most] <= 0 or values[most] >= LARGEST_DEPTH
+    value = float(values[most])
+    none = value == 0 or value < 0 < values[-1] or abs(value) >= LARGEST_DEPTH
     if none and counts[most] > SHARED * len(depth):
-        return float(values[most])
+        return value
     return "nan"
 
 
@@ -415,13 +243,17 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     lines = [f'form = "{series.form}"']
     size = gray.shape[:2]
     if series.form == "table":
-        frame, first, second, theirs = series.first.T
-        of_picture = frame == frame[0]
-        places = np.column_stack([first, second])[of_picture].astype(int)
+        *frame, first, second, theirs = series.first.T
+        places = np.column_stack([first, second]).astype(int)
+        if frame:
+            places = places[frame[0] == frame[0][0]]
         places -= min(places.min(), 1)
         orders = {"row col": places, "col row": places[:, ::-1]}
         order = max(orders, key=lambda name: _brightness(gray, orders[name]))
-        lines += [f'order = "{order}"', _origin_line(series.first[:, 1:3], size, order)]
+        lines += [
+            f'order = "{order}"',
+            _origin_line(series.first[:, -3:-1], size, order),
+        ]
     else:
         theirs = series.first
         turned = theirs.shape != size
@@ -448,7 +280,3 @@ def _brightness(gray: Any, places: Any) -> float:
     if not inside.all():
         return 0.0
     return float(gray[tuple(places.T)].mean())
-
-
-def _toml(value: float | str) -> str:
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}"
