@@ -103,16 +103,24 @@ def eleven_methods(rule, subset, clusters):
 # inlet plate (**D8**), nothing but particles is lighter than the background (**D9**). A
 # reduced run tries D9 alone.
 
+
 # %%
-absolute = replace(labelled.BACKGROUNDS[scale], absolute=True)
-darker = [subset.with_background(absolute) for subset in subsets]
-readings = {
-    "ours": (subsets, labelled.OURS),
-    "D1": (subsets, Combination(DoG(edge=10.0))),
-    "D2": (darker, labelled.OURS),
-    "D4": (subsets, replace(labelled.OURS, rectangular=False)),
-    "D5": (subsets, replace(labelled.OURS, largest_px=10_000.0)),  # wider than a frame
-}
+def read_choices(subsets):
+    """Return subsets and rule by choice of a method; ours is first."""
+    darker = [
+        subset.with_background(replace(subset.background, absolute=True))
+        for subset in subsets
+    ]
+    any_size = replace(labelled.OURS, largest_px=10_000.0)  # wider than a frame
+    return {
+        "ours": (subsets, labelled.OURS),
+        "D1": (subsets, Combination(DoG(edge=10.0))),
+        "D2": (darker, labelled.OURS),
+        "D4": (subsets, replace(labelled.OURS, rectangular=False)),
+        "D5": (subsets, any_size),
+    }
+
+
 scenarios = {"D9": "no-clutter"}
 if scale == "full":
     scenarios |= {"D6": "thin-flames", "D7": "shredded-wall", "D8": "dark-bodies"}
@@ -134,13 +142,14 @@ def detect(subsets, rule, shared):
 
 
 shared = defaultdict(labelled.SharedClusters)
-attempted = {name: detect(*each, shared) for name, each in readings.items()}
+attempted = {
+    name: detect(*each, shared) for name, each in read_choices(subsets).items()
+}
 for choice, scenario in scenarios.items():
     simulated = labelled.labelled_subsets(scale, seed, frames, scenario)
     clusters = defaultdict(labelled.SharedClusters)
     attempted[choice] = detect(simulated, labelled.OURS, clusters)
-every = pd.concat(attempted, names=["reading"]).reset_index("reading")
-attempts = every[every["reading"] == "ours"]
+attempts = attempted["ours"]
 
 # %% [markdown]
 # ## Eleven methods
@@ -268,7 +277,7 @@ figures.save("detection-gains", gains, caption=caption, provenance=origin)
 columns = ["method", "subset", *labelled.COUNTS, *summaries.RATES, "threshold"]
 stopped, absolute = (
     summaries.with_total(found, ["method", "subset", "threshold"])[columns]
-    for found in (attempts, every[every["reading"] == "D2"])
+    for found in (attempts, attempted["D2"])
 )
 table = stopped.merge(absolute, on=["method", "subset"], suffixes=("", "_absolute"))
 thresholds = ["threshold", "threshold_absolute"]
@@ -371,17 +380,20 @@ def judge(attempts):
     return [*judge_methods(attempts), *judge_gains(attempts)]
 
 
-checks = judge(attempts)
-compared = []
-for choice, others in every[every["reading"] != "ours"].groupby("reading"):
-    turns = choices.turned(checks, judge(others))
-    other = summaries.f1_by_method(others)
-    for method in ("2D-SIFT", "Combi SIFT+DBSCAN", "Combi OTSU+DBSCAN"):
-        ours = f1["f1"][method]
-        quantity = f"F1 of {method}"
-        compared.append(
-            choices.compare(
-                choice, quantity, chosen=ours, other=other[method], turns=turns
+def compare_choices(attempts, checks):
+    """Return what turns with each choice; ``attempts`` are by reading."""
+    ours = summaries.f1_by_method(attempts["ours"])
+    compared = []
+    for choice in sorted({*attempts} - {"ours"}):
+        other = summaries.f1_by_method(attempts[choice])
+        turns = choices.turned(checks, judge(attempts[choice]))
+        for method in ("2D-SIFT", "Combi SIFT+DBSCAN", "Combi OTSU+DBSCAN"):
+            f1 = {"chosen": ours[method], "other": other[method]}
+            compared.append(
+                choices.compare(choice, f"F1 of {method}", **f1, turns=turns)
             )
-        )
-figures.conclude(result, checks, origin, choices=compared)
+    return compared
+
+
+checks = judge(attempts)
+figures.conclude(result, checks, origin, choices=compare_choices(attempted, checks))
