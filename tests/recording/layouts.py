@@ -1,4 +1,4 @@
-"""Labelled frames written out as MATLAB users leave them: nine layouts.
+"""Labelled frames written out as MATLAB users leave them: eleven layouts.
 
 `LAYOUTS` maps a name to a function of a folder and of recordings by subset. It writes
 their frames and returns the answers to the questions of the draft: what stands in the
@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import scipy.io
 import tifffile
+from PIL import Image
 
 FIVE = [0, 60, 120, 180, 240]  # a class in steps that an eye can tell
 
@@ -150,6 +151,46 @@ def subsets_by_word(folder, subsets):
         text(folder / name / "marks" / f"{k:02d}.txt", labelled(frame), "\t")
 
 
+def semicolons_and_palettes(folder, subsets):
+    """Two numbers in a folder's name; col row with units, decimal comma; colours."""
+    for k, (name, recording) in enumerate(subsets.items()):
+        place = folder / f"{name}_2021050{k}_4.5bar" / "gt"
+        place.mkdir(parents=True)
+        for _, number, frame in frames({name: recording}):
+            stem = f"{name}_{number:05d}"
+            picture(place.with_name("gray") / f"{stem}_gray.tif", frame.gray)
+            turned = points(frame)[:, [1, 0, 2, 3, 4]] + [1, 1, 0, 0, 0]
+            turned[:, 3] *= -1
+            path = place.with_name("xyz") / f"{stem}_xyz.csv"
+            text(path, turned, ";", "u;v;X [mm];Y [mm];Z [mm]")
+            path.write_text(path.read_text().replace(".", ","))
+            image = Image.fromarray(frame.labels)
+            image.putpalette([0, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0, 255, 9, 9, 9])
+            image.save(place / f"{stem}_gt.png")
+            overlay = np.dstack([frame.gray[::2, ::2] >> 8] * 3).astype(np.uint8)
+            picture(place / f"{stem}_overlay.png", overlay * np.uint8([1, 1, 0]))
+
+
+def stacks_with_a_table(folder, subsets):
+    """One MAT v7.3 a subset with all frames; labelled pixels of all in CSV."""
+    (folder / "data").mkdir()
+    for name, recording in subsets.items():
+        held = [frame for _, _, frame in frames({name: recording})]
+        with h5py.File(folder / "data" / f"2021_{name}_mixed.mat", "w") as file:
+            file["gray"] = np.stack([frame.gray.T for frame in held])
+            file["xyz"] = np.stack([grid(frame, 0.0).T / 1000 for frame in held])
+            file["frameNo"] = 79.0 + np.arange(len(held))[:, None]
+            file["fuel"] = np.uint16([[112], [97], [112], [101], [114]])
+        rows = [
+            np.column_stack(
+                [np.full(len(marks), 79 + k), marks[:, 2], marks[:, :2] + [1, 1]]
+            )
+            for k, marks in enumerate(map(labelled, held))
+        ]
+        path = folder / "labels" / f"{name}_pixels.csv"
+        text(path, np.concatenate(rows), ",", "frame,class,row,col")
+
+
 LAYOUTS = {
     each.__name__: each
     for each in (
@@ -162,5 +203,7 @@ LAYOUTS = {
         clouds_with_indices,
         clouds_without_pixels,
         subsets_by_word,
+        semicolons_and_palettes,
+        stacks_with_a_table,
     )
 }

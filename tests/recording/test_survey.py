@@ -1,4 +1,4 @@
-"""Archives of labelled frames in nine layouts, and in layouts that are wrong."""
+"""Archives of labelled frames in eleven layouts, and in layouts that are wrong."""
 
 import re
 import zipfile
@@ -259,7 +259,9 @@ def test_points_that_no_pixel_fits_get_a_question(tmp_path, subsets):
         ("gray/V{s}_{f}.png", "gray/{subset}_{frame}.png"),
         ("{f:03d}_V{s}_16bit.png", "{frame}_{subset}_16bit.png"),
         ("V{s}/V{s}_{f}.png", "{subset}/{subset}_{frame}.png"),
-        ("V{s}_202{s}/gray_{f}.png", "{subset}/gray_{frame}.png"),
+        ("V{s}_202{s}/gray_{f}.png", "{subset}_*/gray_{frame}.png"),
+        ("V{s}_202{s}/V{s}_{f}.png", "{subset}_*/{subset}_{frame}.png"),
+        ("{s}/{f}_t{s}{f}31.png", "{subset}/{frame}_*.png"),
         ("set2/{s}/gray/{f}.png", "set2/{subset}/gray/{frame}.png"),
     ],
 )

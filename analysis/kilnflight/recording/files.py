@@ -55,6 +55,8 @@ cover some frames only. ``{subset}`` in all patterns stands for the name of a su
 ===========  ===========  ==========================================================
 table        form         each file holds
 ===========  ===========  ==========================================================
+any          ``stack``    grids of all frames, which the last axis counts;
+                          ``numbers`` names a variable with their numbers
 coordinates  ``grid``     (rows, cols, 3) x, y, z
 coordinates  ``lines``    a line x y z for each pixel, in text
 coordinates  ``points``   lines row col x y z of pixels with depth
@@ -101,7 +103,9 @@ from kilnflight.recording.manifest import SUBSET, FileTable, read_manifest
 from kilnflight.recording.readers import (
     Anything,
     Film,
+    Layers,
     PictureFiles,
+    find_file,
     find_subsets,
     number_files,
     open_images,
@@ -342,14 +346,22 @@ def _put_together(
 ) -> FileRecording:
     """Return the recording of a manifest's tables, whose files are in a folder."""
     gray = tables["gray"]
-    images, numbers = open_images(gray.pattern, folder, gray.key)
+    if gray.form == "stack":
+        file = find_file(gray.pattern, folder)
+        images: Any = Layers([file], gray.key)
+        numbers: Sequence[int] = gray.read_numbers(file)
+    else:
+        images, numbers = open_images(gray.pattern, folder, gray.key)
     parts = []
     for kind in ("coordinates", "labels"):
         if kind not in tables:
             continue
         table = tables[kind]
-        if table.form == "table" and "{frame" not in table.pattern:
-            file = folder / table.pattern
+        if table.form == "stack":
+            file = find_file(table.pattern, folder)
+            files = dict.fromkeys(table.read_numbers(file), file)
+        elif table.form == "table" and "{frame" not in table.pattern:
+            file = find_file(table.pattern, folder)
             listed = table.read_table(file)["frame"].unique()
             files = dict.fromkeys(map(int, listed), file)
         else:

@@ -17,7 +17,7 @@ import pandas as pd
 from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
-from kilnflight.recording.readers import Anything, Key, read_array
+from kilnflight.recording.readers import Anything, Key, read_array, read_layers
 
 FACTS = (  # attributes that a manifest states
     "name",
@@ -32,9 +32,9 @@ FACTS = (  # attributes that a manifest states
 TABLES = ("gray", "coordinates", "labels")
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 FORMS = {
-    "gray": ("grid",),
-    "coordinates": ("grid", "lines", "points", "indexed", "cloud"),
-    "labels": ("grid", "table"),
+    "gray": ("grid", "stack"),
+    "coordinates": ("grid", "stack", "lines", "points", "indexed", "cloud"),
+    "labels": ("grid", "stack", "table"),
 }
 ORDERS = ("row col", "col row")
 SUBSET = "{subset}"  # stands for the name of a subset in a pattern
@@ -60,7 +60,10 @@ class FileTable:
         ``"indexed"``: (n, 3) of the pixels that ``index`` numbers; ``"cloud"``: (n, 3)
         without pixels, which ``focal_length_px`` finds. Of labels ``"grid"``: (rows,
         cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels, (n, 3)
-        without frame where a file is of one.
+        without frame where a file is of one. ``"stack"``: grids of all frames in one
+        file, with a last axis that counts them.
+    numbers
+        Variable with the numbers of the frames of a stack; None: counted from 0.
     index
         Variable with the number of each point's pixel, as MATLAB's ``find`` gives it.
     order
@@ -87,6 +90,7 @@ class FileTable:
     key: Key = None
     channel: str | None = None
     form: str = "grid"
+    numbers: str | None = None
     order: str = "row col"
     y: str = "up"
     z: str = "ahead"
@@ -128,16 +132,30 @@ class FileTable:
         """Return the table of one subset, for patterns with `SUBSET`."""
         return replace(self, pattern=self.pattern.replace(SUBSET, name))
 
+    def read_numbers(self, path: Path) -> list[int]:
+        """Read the numbers of the frames of a stack."""
+        if self.numbers is None:
+            return [*range(read_layers(path, self.key).shape[-1])]
+        numbers = real_numbers(read_array(path, self.numbers), str(path))
+        return numbers.ravel().astype(int).tolist()
+
+    def _read(self, path: Path, number: int) -> Anything:
+        """Read the array of frame ``number``."""
+        if self.form != "stack":
+            return read_array(path, self.key)
+        layers = read_layers(path, self.key)
+        return layers[..., self.read_numbers(path).index(number)]
+
     def read_points(
-        self, path: Path, size: tuple[int, ...], _number: int
+        self, path: Path, size: tuple[int, ...], number: int
     ) -> dict[str, Anything]:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
-        array = real_numbers(read_array(path, self.key), str(path))
+        array = real_numbers(self._read(path, number), str(path))
         if self.form == "lines":
             check_shape(array, (size[0] * size[1], 3), str(path))
             lines_first = size if self.order == "row col" else size[::-1]
             array = array.reshape(*lines_first, 3)
-        if self.form in ("grid", "lines"):
+        if self.form in ("grid", "stack", "lines"):
             array = self._rows_first(array, (*size, 3), path)
         else:
             columns = 5 if self.form == "points" else 3
@@ -193,7 +211,7 @@ class FileTable:
         """Read the classes (rows, cols) of Table 5.1 in frame ``number``."""
         if self.form == "table":
             return {"labels": self._painted(path, size, number)}
-        image = self._rows_first(read_array(path, self.key), size, path)
+        image = self._rows_first(self._read(path, number), size, path)
         return {"labels": self._classes_of(image.ravel(), path).reshape(size)}
 
     def read_table(self, path: Path, number: int = 0) -> pd.DataFrame:

@@ -7,6 +7,7 @@ import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 import scipy.io
 import tifffile
+from PIL import Image
 
 from kilnflight.checks import InputError
 
@@ -31,6 +33,7 @@ NAMED = (
     ["row", "col", "class"],
     ["x", "y", "z"],
 )
+SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Anything = npt.NDArray[Any]
@@ -50,6 +53,15 @@ class PictureFiles:
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``."""
         return read_array(self.files[t], self.key)
+
+
+@dataclass(frozen=True)
+class Layers(PictureFiles):
+    """Pictures (rows, cols) that lie in one file as (rows, cols, n)."""
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``."""
+        return read_layers(self.files[0], self.key)[..., t]
 
 
 class Film:
@@ -152,11 +164,21 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     return files
 
 
+def find_file(pattern: str, folder: Path) -> Path:
+    """Find the one file of a pattern."""
+    names = glob.glob(pattern, root_dir=folder)
+    if len(names) != 1:
+        raise InputError(
+            f"{folder / pattern}: {len(names)} files fit, but one holds all."
+        )
+    return folder / names[0]
+
+
 def find_subsets(pattern: str, folder: Path) -> list[str]:
     """Find what stands for ``{subset}`` in the files of a pattern, in order."""
     text = re.sub(r"\{frame[^}]*\}", "FRAME", pattern)
     form = re.escape(text).replace("FRAME", r"\d+")
-    form = form.replace(re.escape("{subset}"), "(?P<subset>[^/]+)", 1)
+    form = form.replace(re.escape("{subset}"), "(?P<subset>[^/]+?)", 1)
     form = form.replace(re.escape("{subset}"), "(?P=subset)").replace(r"\*", "[^/]*")
     names = glob.glob(
         text.replace("FRAME", "*").replace("{subset}", "*"), root_dir=folder
@@ -203,6 +225,12 @@ def read_stack(path: Path, key: Key = None) -> Anything:
         raise InputError(f"{path}: {reason}") from error
 
 
+@lru_cache(maxsize=2)  # grey values and coordinates of one file
+def read_layers(path: Path, key: Key) -> Anything:
+    """Read an array whose last axis counts frames, once for all of them."""
+    return read_array(path, key)
+
+
 def variables(path: Path) -> dict[Key, Anything]:
     """Read all arrays of a file by name; None where it holds one without a name."""
     if path.suffix.lower() not in (".mat", ".h5", ".hdf5"):
@@ -225,6 +253,10 @@ def _read(path: Path, key: Key) -> Anything:
     if ending in TIFFS:
         return _read_tiff(path)
     if ending in PICTURES:
+        if ending == ".png":
+            with Image.open(path) as image:
+                if image.mode == "P":  # OpenCV would read its colours
+                    return np.array(image)[None]
         content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
         return _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))[None]
     if ending in TEXTS:
@@ -246,13 +278,26 @@ def _read_text(path: Path) -> Anything:
     if not text.endswith("\n"):
         raise InputError("its last line is cut")
     first = text.split("\n", 1)[0]
-    separator = next((each for each in ",;\t" if each in first), r"\s+")
+    separator = next((each for each in ";\t," if each in first), r"\s+")
+    decimal = "."
+    if separator != "," and re.search(r"\d,\d", text):
+        decimal = ","
     words = re.findall(r"[a-z_]+", first.lower())
-    if not {*words} - {"nan", "inf", "e"}:
-        table = pd.read_csv(io.StringIO(text), sep=separator, header=None)
+    header = 0 if {*words} - {"nan", "inf", "e"} else None
+    table = pd.read_csv(
+        io.StringIO(text),
+        sep=separator,
+        decimal=decimal,
+        header=header,
+        skipinitialspace=True,
+    )
+    if header is None:
         return table.to_numpy(np.float64)
-    table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
-    table.columns = table.columns.str.strip().str.lower()
+    units = r"\s*([\[(].*[\])]|_mm)$"
+    table.columns = (
+        table.columns.str.strip().str.lower().str.replace(units, "", regex=True)
+    )
+    table = table.rename(columns=SAME)
     for names in NAMED:
         if {*names} <= {*table.columns}:
             return table[names].to_numpy(np.float64)

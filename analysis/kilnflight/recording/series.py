@@ -10,7 +10,7 @@ if series of another kind have the same words.
 import json
 import re
 import zipfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,7 +52,9 @@ class Series:
     form
         Form of a table of a manifest; or why the file cannot be read.
     first
-        Array of the first file.
+        Array of the first file, or of its first frame.
+    layers
+        Number of frames in a file with ``form`` "stack", else 1.
     """
 
     pattern: str
@@ -61,6 +63,7 @@ class Series:
     kind: str
     form: str
     first: Anything
+    layers: int = 1
 
     def told(self) -> str:
         """Return what it holds, in one line."""
@@ -153,12 +156,20 @@ def _series_of(folder: Path, names: Sequence[str]) -> Iterator[Series]:
     except InputError as error:  # a readme, or damaged
         yield Series(_pattern(names, True), files, None, "", str(error), np.empty(0))
         return
-    for key, first in held.items():
+    layers = {array.shape[3] for array in held.values() if array.ndim == 4}
+    for key, array in held.items():
+        first = array
+        count = 1
+        if array.ndim == 4 or (array.ndim == 3 and array.shape[2] in layers):
+            first = array[..., 0]
+            count = array.shape[-1]
         kind, form = _kind(first)
+        if count > 1:
+            form = "stack"
         with_frames = form == "table" and first.shape[1] == 4
         several = with_frames and len(np.unique(first[:, 0])) > 1
-        pattern = _pattern(names, one_frame=not several)
-        yield Series(pattern, files, key, kind, form, first)
+        pattern = _pattern(names, one_frame=form != "stack" and not several)
+        yield Series(pattern, files, key, kind, form, first, count)
 
 
 def _together(held: Mapping[Key, Anything]) -> dict[Key, Anything]:
@@ -182,7 +193,8 @@ def _join(found: Sequence[Series]) -> list[Series]:
         for word in {*words} - {""}:
             whole = rf"(?<![A-Za-z\d{{]){re.escape(word)}(?![A-Za-z\d}}])"
             pattern = re.sub(whole, SUBSET, series.pattern)
-            groups[series.kind, series.form, series.key, pattern][word] = series
+            if pattern != series.pattern:
+                groups[series.kind, series.form, series.key, pattern][word] = series
     kinds = defaultdict[Any, set[str]](set)
     for (kind, *_), group in groups.items():
         if kind and len(group) > 1:
@@ -208,18 +220,26 @@ def _pattern(names: Sequence[str], one_frame: bool) -> str:
 
     def likely(k: int) -> tuple[bool, bool, int, int]:
         """Return how likely a word counts frames: a bare number in the name does."""
-        varies = different[k] > 1
-        bare = columns[k][0].isdigit()
-        return varies and k > name, varies and bare, different[k], k
+        return k > name, columns[k][0].isdigit(), different[k], k
 
-    frame = max(range(len(columns)), key=likely)
+    varying = [k for k, count in enumerate(different) if count > 1]
     parts = list(words[0])
-    for k, column in enumerate(columns):
-        if k == frame and different[k] > 1 and one_frame:
-            parts[k] = re.sub(r"\d+", "{frame}", column[0])
-        elif different[k] > 1:
-            parts[k] = SUBSET
-    # V1_2021 is one name
+    if one_frame and varying:
+        frame = max(varying, key=likely)
+        parts[frame] = re.sub(r"\d+", "{frame}", parts[frame])
+        varying.remove(frame)
+        for k in varying:
+            if 2 * different[k] > len(names):  # a time, not a subset
+                parts[k] = "*"
+        varying = [k for k in varying if parts[k] != "*"]
+    if not varying:
+        return "".join(parts)
+    # Of numbers that differ together one is the subset's: V1 in V1_2021/V1_01.png.
+    counts = Counter(columns[k] for k in varying)
+    chosen = max(counts, key=lambda column: (len(set(column)), counts[column]))
+    alone = len(set(zip(*counts, strict=True))) == len(set(chosen))
+    for k in varying:
+        parts[k] = SUBSET if columns[k] == chosen or not alone else "*"
     return re.sub(r"(\{subset\}[^/{}]*)*\{subset\}", SUBSET, "".join(parts))
 
 
@@ -233,7 +253,7 @@ def _kind(array: Anything) -> tuple[str, str]:
         return "coordinates", "grid"
     if array.ndim == 3 and array.shape[2] in (3, 4):
         return "gray", "grid"
-    if array.ndim != 2 or not known.size:
+    if array.ndim != 2 or len(array) < 2 or not known.size:
         return "", ""
     of_classes = whole and known.min() >= 0
     of_classes &= len(np.unique(array[:, -1])) <= MOST_CLASSES

@@ -13,7 +13,13 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.readers import Anything, read_array, variables
+from kilnflight.recording.manifest import SUBSET
+from kilnflight.recording.readers import (
+    Anything,
+    find_subsets,
+    read_array,
+    variables,
+)
 from kilnflight.recording.series import Series, find_series, to_toml
 
 METRES_BELOW = 100.0  # a median depth below it is in m: no kiln is 100 mm long
@@ -40,7 +46,7 @@ def draft(folder: Path) -> tuple[list[str], str]:
     # Previews are fewer, coloured, of less bits or smaller.
     found.sort(
         key=lambda series: (
-            -len(series.files),
+            -len(series.files) * series.layers,
             series.first.ndim,
             -series.first.itemsize,
             -series.first.size,
@@ -62,6 +68,7 @@ def draft(folder: Path) -> tuple[list[str], str]:
         "# flame_roi = [900, 1200, 850, 1150]  # ? burner: rows 900 to 1199, cols ...",
     ]
     gray = np.asarray(chosen["gray"].first, np.float64)
+    subsets = _subsets(chosen["gray"], folder)
     for kind in ("gray", "coordinates", "labels"):
         if kind not in chosen:
             continue
@@ -72,13 +79,36 @@ def draft(folder: Path) -> tuple[list[str], str]:
             for other in found
             if other.kind == kind and other is not series
         ]
-        if series.key:
-            lines.append(f"key = {to_toml(series.key)}")
+        own = _subsets(series, folder)
+        if own != subsets:
+            lines.append(f"# ? its subsets are {own}, not {subsets}")
+        lines += _key_lines(series)
         if kind == "coordinates":
             lines += _coordinate_lines(series, size)
         elif kind == "labels":
             lines += _label_lines(series, gray)
     return told, "\n".join(lines) + "\n"
+
+
+def _key_lines(series: Series) -> list[str]:
+    """Return the lines of a manifest on variables and stacks."""
+    lines = []
+    if series.key:
+        lines.append(f"key = {to_toml(series.key)}")
+    if series.form == "stack":
+        numbers = _index_of(series, series.layers)
+        if numbers:
+            lines.append(f'numbers = "{numbers}"')
+        if series.kind == "gray":
+            lines.append('form = "stack"')
+    return lines
+
+
+def _subsets(series: Series, folder: Path) -> list[str]:
+    """Return the subsets that the pattern of a series names, if any."""
+    if SUBSET not in series.pattern:
+        return []
+    return find_subsets(series.pattern, folder)
 
 
 def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
@@ -94,7 +124,7 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         known &= xyz[:, 2] != invalid
     index = None
     if form == "cloud":
-        index = _index_of(series)
+        index = _index_of(series, len(series.first))
         form = "indexed" if index else "cloud"
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
     depth = np.median(xyz[known, 2]) if known.any() else np.inf
@@ -135,11 +165,11 @@ def _depth_lines(depth: float) -> list[str]:
     return [*lines, 'unit = "mm"']
 
 
-def _index_of(series: Series) -> str | None:
-    """Return the name of the variable that numbers the pixels of a cloud, if any."""
+def _index_of(series: Series, count: int) -> str | None:
+    """Return the name of a variable with that many whole numbers, if any."""
     for name, array in variables(series.files[0]).items():
         whole = array.dtype.kind in "buif" and (array % 1 == 0).all()
-        if array.size == len(series.first) and whole:
+        if array.size == count and whole:
             return str(name)
     return None
 
@@ -158,7 +188,7 @@ def _pixel_pairs(
     if form == "points":
         first, second = array[:, :2].T
         return {"row col": (first, second), "col row": (second, first)}
-    if form == "grid":
+    if form in ("grid", "stack"):
         first, second = np.indices(array.shape[:2]).reshape(2, -1)
         if array.shape[:2] != size:
             return {"col row": (second, first)}
@@ -259,7 +289,7 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
         turned = theirs.shape != size
         lines.append(f'order = "{"col row" if turned else "row col"}"')
     values = {*np.unique(theirs).astype(int).tolist()}
-    if series.form == "grid":  # the first file may lack a class
+    if series.form != "table":  # the first file may lack a class
         for file in series.files:
             values.update(np.unique(read_array(file, series.key)).astype(int).tolist())
     classes: dict[int, int] = {}
