@@ -3,7 +3,7 @@
 #
 # **Not tested: the real archive.** Fifty labelled frames are public (thesis, section
 # 5.1.1). Our machines cannot fetch them, and no page that we could read describes their
-# formats. Eleven layouts, written from the simulation, are read.
+# formats. Twelve layouts, written from the simulation, are read.
 #
 # **The work.** Section 5.1 compares backgrounds, detectors and clusterers on these
 # frames (Tables 5.2 to 5.14).

@@ -1,4 +1,4 @@
-"""Labelled frames written out as MATLAB users leave them: eleven layouts.
+"""Labelled frames written out as MATLAB users leave them: twelve layouts.
 
 `LAYOUTS` maps a name to a function of a folder and of recordings by subset. It writes
 their frames and returns the answers to the questions of the draft: what stands in the
@@ -12,6 +12,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
+MASKS = {"flame": 1, "burning_air": 2, "nonburning_air": 3, "burning_wall": 4}
 FIVE = [0, 60, 120, 180, 240]  # a class in steps that an eye can tell
 
 
@@ -191,6 +192,18 @@ def stacks_with_a_table(folder, subsets):
         text(path, np.concatenate(rows), ",", "frame,class,row,col")
 
 
+def folders_of_frames(folder, subsets):
+    """A folder a frame; MAT with a struct, a mask of each class."""
+    for name, k, frame in frames(subsets):
+        place = folder / f"Exp_{name}" / f"frame_{k:05d}"
+        for word, kind in MASKS.items():
+            picture(place / f"mask_{word}.png", np.uint8(255 * (frame.labels == kind)))
+        picture(place / "grey.png", frame.gray)
+        x, y, z = np.moveaxis(grid(frame), 2, 0)
+        scipy.io.savemat(place / "data.mat", {"Data": {"X": x, "Y": y, "Z": z}})
+    picture(folder / "roi_mask.png", np.uint8(frame.gray > 3000))
+
+
 LAYOUTS = {
     each.__name__: each
     for each in (
@@ -205,5 +218,6 @@ LAYOUTS = {
         subsets_by_word,
         semicolons_and_palettes,
         stacks_with_a_table,
+        folders_of_frames,
     )
 }

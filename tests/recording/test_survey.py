@@ -1,4 +1,4 @@
-"""Archives of labelled frames in eleven layouts, and in layouts that are wrong."""
+"""Archives of labelled frames in twelve layouts, and in layouts that are wrong."""
 
 import re
 import zipfile
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.io
-from tests.recording.layouts import FIVE, LAYOUTS, grid, picture, text
+from tests.recording.layouts import FIVE, LAYOUTS, MASKS, grid, picture, text
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.detection import labelled
@@ -68,6 +68,8 @@ def answered(folder, subsets):
     focal = scenes.open_scene("V1@small", 0).scene.geometry.focal_length_px
     draft = draft.replace("focal_length_px = 7727.3", f"focal_length_px = {focal}")
     draft = draft.replace("origin = 1  # ?", "origin = 0  #")
+    classes = ", ".join(f"{word} = {kind}" for word, kind in MASKS.items())
+    draft = re.sub(r"# \? classes = .*", f"classes = {{ {classes} }}", draft)
     roi = [[float(row), float(col)] for row, col in known.roi]
     path = folder / "labelled.toml"
     path.write_text(f"roi = {roi}\nflame_roi = {[*known.flame_roi]}\n{draft}")
@@ -97,11 +99,11 @@ def test_every_layout_gives_the_same_table(tmp_path, subsets, expected, layout):
         subsets = dict(zip(("1_paper", "2_wood"), subsets.values(), strict=True))
     LAYOUTS[layout](tmp_path, subsets)
     found = labelled.open_labelled(answered(tmp_path, subsets))
-    assert [subset.name for subset in found] == [*subsets]
-    for subset in found:
+    assert len(found) == len(subsets)
+    for subset, own in zip(found, subsets.values(), strict=True):
         for t in range(len(NUMBERS)):
             ours = subset.recording.frame(t)
-            true = subsets[subset.name].frame(t)
+            true = own.frame(t)
             np.testing.assert_array_equal(ours.gray, true.gray)
             np.testing.assert_array_equal(ours.labels, true.labels)
             order = np.lexsort(ours.pixels.T)
@@ -259,6 +261,7 @@ def test_points_that_no_pixel_fits_get_a_question(tmp_path, subsets):
         ("gray/V{s}_{f}.png", "gray/{subset}_{frame}.png"),
         ("{f:03d}_V{s}_16bit.png", "{frame}_{subset}_16bit.png"),
         ("V{s}/V{s}_{f}.png", "{subset}/{subset}_{frame}.png"),
+        ("V{s}_Frame{f:04d}.png", "{subset}_Frame{frame}.png"),
         ("V{s}_202{s}/gray_{f}.png", "{subset}_*/gray_{frame}.png"),
         ("V{s}_202{s}/V{s}_{f}.png", "{subset}_*/{subset}_{frame}.png"),
         ("{s}/{f}_t{s}{f}31.png", "{subset}/{frame}_*.png"),

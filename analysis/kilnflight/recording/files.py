@@ -63,6 +63,7 @@ coordinates  ``points``   lines row col x y z of pixels with depth
 coordinates  ``indexed``  (n, 3) x, y, z; ``index`` names what numbers the pixels
 coordinates  ``cloud``    lines x y z alone; ``focal_length_px`` finds the pixels
 labels       ``grid``     (rows, cols) classes
+labels       ``masks``    a picture for each class; ``{class}`` in the pattern
 labels       ``table``    lines (frame) row col class of the labelled pixels
 ===========  ===========  ==========================================================
 
@@ -99,7 +100,7 @@ from kilnflight.recording.frames import (
     check_position,
     count_frames,
 )
-from kilnflight.recording.manifest import SUBSET, FileTable, read_manifest
+from kilnflight.recording.manifest import CLASS, SUBSET, FileTable, read_manifest
 from kilnflight.recording.readers import (
     Anything,
     Film,
@@ -365,7 +366,8 @@ def _put_together(
             listed = table.read_table(file)["frame"].unique()
             files = dict.fromkeys(map(int, listed), file)
         else:
-            files = number_files(table.pattern, folder)
+            first = next(iter(table.classes), "")
+            files = number_files(table.pattern.replace(CLASS, first), folder)
         extra = files.keys() - set(numbers)
         if extra:
             raise InputError(

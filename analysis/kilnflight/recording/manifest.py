@@ -34,10 +34,11 @@ MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 FORMS = {
     "gray": ("grid", "stack"),
     "coordinates": ("grid", "stack", "lines", "points", "indexed", "cloud"),
-    "labels": ("grid", "stack", "table"),
+    "labels": ("grid", "stack", "masks", "table"),
 }
 ORDERS = ("row col", "col row")
 SUBSET = "{subset}"  # stands for the name of a subset in a pattern
+CLASS = "{class}"  # stands for the name of a class in the pattern of masks
 LONGEST = 2**15  # characters; TOML of dots alone is read for hours
 
 
@@ -60,7 +61,8 @@ class FileTable:
         ``"indexed"``: (n, 3) of the pixels that ``index`` numbers; ``"cloud"``: (n, 3)
         without pixels, which ``focal_length_px`` finds. Of labels ``"grid"``: (rows,
         cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels, (n, 3)
-        without frame where a file is of one. ``"stack"``: grids of all frames in one
+        without frame where a file is of one, or ``"masks"``: a picture for each class,
+        whose pixels are above 0. ``"stack"``: grids of all frames in one
         file, with a last axis that counts them.
     numbers
         Variable with the numbers of the frames of a stack; None: counted from 0.
@@ -83,7 +85,8 @@ class FileTable:
     origin
         Number of the first row and column of points, 0 or 1.
     classes
-        Class of Table 5.1 (Zhang 2023) by the number that the files have.
+        Class of Table 5.1 (Zhang 2023) by the number that the files have, or by what
+        stands for ``{class}`` in the pattern of masks.
     """
 
     pattern: str
@@ -119,7 +122,7 @@ class FileTable:
             "invalid": table.invalid == "nan" or type(table.invalid) in (int, float),
             "unit": table.unit in tuple(MM_PER_UNIT),
             "origin": table.origin in (0, 1),
-            "classes": _are_classes(table.classes),
+            "classes": _are_classes(table.classes, table.form),
             "focal_length_px": _is_focal_length(table),
             "index": isinstance(table.index, str) == (table.form == "indexed"),
         }
@@ -211,8 +214,19 @@ class FileTable:
         """Read the classes (rows, cols) of Table 5.1 in frame ``number``."""
         if self.form == "table":
             return {"labels": self._painted(path, size, number)}
+        if self.form == "masks":
+            return {"labels": self._merged(path, size)}
         image = self._rows_first(self._read(path, number), size, path)
         return {"labels": self._classes_of(image.ravel(), path).reshape(size)}
+
+    def _merged(self, path: Path, size: tuple[int, ...]) -> Picture:
+        """Return the classes of the pixels that masks show; ``path`` is the first's."""
+        image = np.zeros(size, np.uint8)
+        first, *_ = self.classes
+        for name, ours in self.classes.items():
+            file = Path(name.join(str(path).rsplit(first, 1)))
+            image[self._rows_first(read_array(file, self.key), size, file) > 0] = ours
+        return image
 
     def read_table(self, path: Path, number: int = 0) -> pd.DataFrame:
         """Read labelled pixels: ``frame``, ``row``, ``col``, ``class`` of theirs.
@@ -287,11 +301,12 @@ def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
     return facts, tables
 
 
-def _are_classes(classes: Any) -> bool:
-    return isinstance(classes, dict) and all(
-        re.fullmatch(r"-?\d+", theirs) and ours in range(len(LABELS))
-        for theirs, ours in classes.items()
-    )
+def _are_classes(classes: Any, form: str) -> bool:
+    """Return whether classes of files are usable; those of masks have names."""
+    if not isinstance(classes, dict) or (form == "masks" and not classes):
+        return False
+    named = form == "masks" or all(re.fullmatch(r"-?\d+", name) for name in classes)
+    return named and all(ours in range(len(LABELS)) for ours in classes.values())
 
 
 def _check_keys(

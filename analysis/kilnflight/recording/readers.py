@@ -238,9 +238,11 @@ def variables(path: Path) -> dict[Key, Anything]:
     try:
         if h5py.is_hdf5(path):
             with h5py.File(path) as file:
-                held = [name for name in file if isinstance(file[name], h5py.Dataset)]
+                names = list[str]()
+                file.visit(names.append)
+                held = [name for name in names if isinstance(file[name], h5py.Dataset)]
         else:
-            held = [name for name, *_ in scipy.io.whosmat(path)]
+            held = [*_read_mat(path)]
     except Exception as error:  # libraries raise anything on damaged bytes
         raise InputError(f"{path}: cannot be read. Is it cut off?") from error
     return {name: read_array(path, name) for name in held}
@@ -264,7 +266,7 @@ def _read(path: Path, key: Key) -> Anything:
     if ending == ".npy":
         return np.atleast_1d(np.load(path, mmap_mode="r"))
     if ending == ".mat" and not h5py.is_hdf5(path):
-        return _choose(scipy.io.loadmat(path), key)
+        return _choose(_read_mat(path), key)
     if ending in (".h5", ".hdf5", ".mat"):
         with h5py.File(path) as file:
             array = _choose(file, key)
@@ -272,11 +274,26 @@ def _read(path: Path, key: Key) -> Anything:
     raise InputError("this kind of file is not known. Convert it.")
 
 
+def _read_mat(path: Path) -> dict[str, Anything]:
+    """Return the arrays of a MAT file (v5) by name, fields of a struct by its path."""
+    held = dict[str, Anything]()
+    for name, value in scipy.io.loadmat(path).items():
+        if name.startswith("__"):
+            continue
+        if value.dtype.names is None:
+            held[name] = value
+            continue
+        for field in value.dtype.names:
+            held[f"{name}/{field}"] = value[field].flat[0]
+    return held
+
+
 def _read_text(path: Path) -> Anything:
     """Return the numbers of a text table, (n, k); the first line may name columns."""
     text = path.read_text("utf-8-sig")
     if not text.endswith("\n"):
         raise InputError("its last line is cut")
+    text = re.sub(r"^[%#\s]+", "", text)  # MATLAB's and numpy's mark of a comment
     first = text.split("\n", 1)[0]
     separator = next((each for each in ";\t," if each in first), r"\s+")
     decimal = "."

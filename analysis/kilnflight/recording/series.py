@@ -13,13 +13,15 @@ import zipfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from os.path import commonprefix
 from pathlib import Path
+from string import ascii_letters, digits
 from typing import Any
 
 import numpy as np
 
 from kilnflight.checks import InputError
-from kilnflight.recording.manifest import SUBSET
+from kilnflight.recording.manifest import CLASS, SUBSET
 from kilnflight.recording.readers import (
     PICTURES,
     POINT,
@@ -31,6 +33,7 @@ from kilnflight.recording.readers import (
 from kilnflight.store.cache import make_whole
 
 ENDINGS = (*PICTURES, *TEXTS, ".npy", ".mat", ".h5", ".hdf5")
+COUNTERS = ("", "frame", "img", "image", "bild")  # what stands before a frame's number
 MOST_CLASSES = 16  # a picture with more values is no label picture
 
 
@@ -55,6 +58,8 @@ class Series:
         Array of the first file, or of its first frame.
     layers
         Number of frames in a file with ``form`` "stack", else 1.
+    words
+        Names of the classes with ``form`` "masks".
     """
 
     pattern: str
@@ -64,13 +69,16 @@ class Series:
     form: str
     first: Anything
     layers: int = 1
+    words: Sequence[str] = ()
 
     def told(self) -> str:
         """Return what it holds, in one line."""
-        known = self.first[np.isfinite(self.first)]
         if not self.first.size:
             return f"{self.pattern}: {len(self.files)} files, not read: {self.form}"
         values = "no numbers"
+        known = np.empty(0)
+        if self.first.dtype.kind in "buif":
+            known = self.first[np.isfinite(self.first)]
         if known.size:
             values = f"{known.min():g} to {known.max():g}"
         name = self.pattern
@@ -145,7 +153,7 @@ def find_series(folder: Path) -> list[Series]:
     found = [
         series for names in groups.values() for series in _series_of(folder, names)
     ]
-    return _join(found)
+    return _join_masks(_join(found))
 
 
 def _series_of(folder: Path, names: Sequence[str]) -> Iterator[Series]:
@@ -175,7 +183,7 @@ def _series_of(folder: Path, names: Sequence[str]) -> Iterator[Series]:
 def _together(held: Mapping[Key, Anything]) -> dict[Key, Anything]:
     """Return arrays by name; x, y, z, and row and col with them, are one array."""
     arrays = dict(held)
-    named = {str(name).lower(): name for name in held}
+    named = {str(name).lower().split("/")[-1]: name for name in held}
     for names in (POINT, POINT[2:]):
         keys = tuple(str(named.get(name)) for name in names)
         if arrays.keys() >= {*keys} and len({arrays[key].shape for key in keys}) == 1:
@@ -208,6 +216,28 @@ def _join(found: Sequence[Series]) -> list[Series]:
     return [*found]
 
 
+def _join_masks(found: Sequence[Series]) -> list[Series]:
+    """Join label pictures that show one class each."""
+    masks = [
+        each
+        for each in found
+        if each.form == "grid" and len(np.unique(each.first)) == 2
+    ]
+    most = max((len(each.files) for each in masks), default=0)
+    masks = [each for each in masks if len(each.files) == most]
+    if len(masks) < 2:
+        return [*found]
+    patterns = [each.pattern for each in masks]
+    start, end = (
+        commonprefix([each[::way] for each in patterns]).rstrip(ascii_letters)  # noqa: RUF071
+        for way in (1, -1)
+    )
+    words = [each[len(start) : len(each) - len(end)] for each in patterns]
+    pattern = start + CLASS + end[::-1]
+    joined = replace(masks[0], pattern=pattern, form="masks", words=words)
+    return [joined, *(each for each in found if each not in masks)]
+
+
 def _pattern(names: Sequence[str], one_frame: bool) -> str:
     """Return the pattern of names that differ in numbers alone.
 
@@ -218,9 +248,12 @@ def _pattern(names: Sequence[str], one_frame: bool) -> str:
     different = [len(set(column)) for column in columns]
     name = max((k for k, word in enumerate(words[0]) if word == "/"), default=-1)
 
-    def likely(k: int) -> tuple[bool, bool, int, int]:
-        """Return how likely a word counts frames: a bare number in the name does."""
-        return k > name, columns[k][0].isdigit(), different[k], k
+    def likely(k: int) -> tuple[bool, bool, int, int, int]:
+        """Return how likely a word counts frames: a long number in the name does."""
+        word = columns[k][0]
+        before = word.rstrip(digits)
+        named = before.lower() in COUNTERS
+        return k > name, named, len(word) - len(before), different[k], k
 
     varying = [k for k, count in enumerate(different) if count > 1]
     parts = list(words[0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.manifest import SUBSET
+from kilnflight.recording.manifest import CLASS, SUBSET
 from kilnflight.recording.readers import (
     Anything,
     find_subsets,
@@ -108,7 +108,7 @@ def _subsets(series: Series, folder: Path) -> list[str]:
     """Return the subsets that the pattern of a series names, if any."""
     if SUBSET not in series.pattern:
         return []
-    return find_subsets(series.pattern, folder)
+    return find_subsets(series.pattern.replace(CLASS, "*"), folder)
 
 
 def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
@@ -272,6 +272,10 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     """Return the lines of a manifest on labels, by those of the first file."""
     lines = [f'form = "{series.form}"']
     size = gray.shape[:2]
+    asked = "# ? ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
+    if series.form == "masks":
+        words = ", ".join(f"{word} = " for word in series.words)
+        return [*lines, asked, f"# ? classes = {{ {words} }}  # theirs = ours"]
     if series.form == "table":
         *frame, first, second, theirs = series.first.T
         places = np.column_stack([first, second]).astype(int)
@@ -300,7 +304,6 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     else:
         lines.append(f"# ? the files have {sorted(values)}")
     text = ", ".join(f"{theirs} = {ours}" for theirs, ours in classes.items())
-    asked = "# ? ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
     return [*lines, asked, f"classes = {{ {text} }}  # theirs = ours"]
 
 
