@@ -38,7 +38,8 @@ class Verdict:
         One of `VERDICTS`.
     because
         One of `CAUSES` if it is not reproduced; ``"choice"`` if a choice leaves it open
-        (`kilnflight.publication.choices.opened`); else empty.
+        (`kilnflight.publication.choices.opened`); else empty, as on the authors' data
+        in place of "twin".
     measured
         Our result, at most `MOST_MEASURED` characters.
     published

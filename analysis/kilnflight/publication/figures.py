@@ -231,6 +231,9 @@ def conclude(
     """
     compared = [asdict(each) | {"data": data} for each in choices]
     judged = [asdict(verdict) | {"data": data} for verdict in verdicts]
+    for row in judged:
+        if data == "authors" and row["because"] == "twin":
+            row["because"] = ""  # the simulation is not the cause there
     rows = unprinted.opened(judged, compared)
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
