@@ -57,8 +57,7 @@ table        form         each file holds
 ===========  ===========  ==========================================================
 any          ``stack``    grids of all frames, which the last axis counts;
                           ``numbers`` names a variable with their numbers
-coordinates  ``grid``     (rows, cols, 3) x, y, z
-coordinates  ``lines``    a line x y z for each pixel, in text
+coordinates  ``grid``     (rows, cols, 3) x, y, z, or a line x y z for each pixel
 coordinates  ``points``   lines row col x y z of pixels with depth
 coordinates  ``indexed``  (n, 3) x, y, z; ``index`` names what numbers the pixels
 coordinates  ``cloud``    lines x y z alone; ``focal_length_px`` finds the pixels

@@ -33,7 +33,7 @@ TABLES = ("gray", "coordinates", "labels")
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 FORMS = {
     "gray": ("grid", "stack"),
-    "coordinates": ("grid", "stack", "lines", "points", "indexed", "cloud"),
+    "coordinates": ("grid", "stack", "points", "indexed", "cloud"),
     "labels": ("grid", "stack", "masks", "table"),
 }
 ORDERS = ("row col", "col row")
@@ -56,8 +56,8 @@ class FileTable:
     channel
         Of coloured pictures, one of red, green and blue.
     form
-        Of coordinates ``"grid"``: (rows, cols, 3) x, y, z; ``"lines"``: (rows * cols,
-        3), a line for each pixel; ``"points"``: (n, 5) row, col, x, y, z;
+        Of coordinates ``"grid"``: (rows, cols, 3) x, y, z, or (rows * cols, 3), a line
+        for each pixel; ``"points"``: (n, 5) row, col, x, y, z;
         ``"indexed"``: (n, 3) of the pixels that ``index`` numbers; ``"cloud"``: (n, 3)
         without pixels, which ``focal_length_px`` finds. Of labels ``"grid"``: (rows,
         cols), or ``"table"``: (n, 4) frame, row, col, class of labelled pixels, (n, 3)
@@ -154,11 +154,10 @@ class FileTable:
     ) -> dict[str, Anything]:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
         array = real_numbers(self._read(path, number), str(path))
-        if self.form == "lines":
-            check_shape(array, (size[0] * size[1], 3), str(path))
-            lines_first = size if self.order == "row col" else size[::-1]
-            array = array.reshape(*lines_first, 3)
-        if self.form in ("grid", "stack", "lines"):
+        if self.form in ("grid", "stack"):
+            if array.shape == (size[0] * size[1], 3):
+                lines_first = size if self.order == "row col" else size[::-1]
+                array = array.reshape(*lines_first, 3)
             array = self._rows_first(array, (*size, 3), path)
         else:
             columns = 5 if self.form == "points" else 3

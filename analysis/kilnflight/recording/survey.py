@@ -116,7 +116,7 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     array = np.asarray(series.first, np.float64)
     form = series.form
     if form == "cloud" and len(array) == size[0] * size[1]:
-        form = "lines"
+        form = "grid"
     xyz = array[..., -3:].reshape(-1, 3)
     invalid = _invalid(xyz[:, 2])
     known = np.isfinite(xyz).all(axis=1)
@@ -188,7 +188,7 @@ def _pixel_pairs(
     if form == "points":
         first, second = array[:, :2].T
         return {"row col": (first, second), "col row": (second, first)}
-    if form in ("grid", "stack"):
+    if array.ndim == 3:
         first, second = np.indices(array.shape[:2]).reshape(2, -1)
         if array.shape[:2] != size:
             return {"col row": (second, first)}
