@@ -262,6 +262,7 @@ def test_points_that_no_pixel_fits_get_a_question(tmp_path, subsets):
         ("{f:03d}_V{s}_16bit.png", "{frame}_{subset}_16bit.png"),
         ("V{s}/V{s}_{f}.png", "{subset}/{subset}_{frame}.png"),
         ("V{s}_Frame{f:04d}.png", "{subset}_Frame{frame}.png"),
+        ("Label_{s}{f}_V{s}_F{f:03d}.png", "Label_*_{subset}_F{frame}.png"),
         ("V{s}_202{s}/gray_{f}.png", "{subset}_*/gray_{frame}.png"),
         ("V{s}_202{s}/V{s}_{f}.png", "{subset}_*/{subset}_{frame}.png"),
         ("{s}/{f}_t{s}{f}31.png", "{subset}/{frame}_*.png"),

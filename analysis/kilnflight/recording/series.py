@@ -33,7 +33,14 @@ from kilnflight.recording.readers import (
 from kilnflight.store.cache import make_whole
 
 ENDINGS = (*PICTURES, *TEXTS, ".npy", ".mat", ".h5", ".hdf5")
-COUNTERS = ("", "frame", "img", "image", "bild")  # what stands before a frame's number
+COUNTERS = (
+    "",
+    "f",
+    "frame",
+    "img",
+    "image",
+    "bild",
+)  # what stands before a frame's number
 MOST_CLASSES = 16  # a picture with more values is no label picture
 
 
