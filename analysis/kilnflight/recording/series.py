@@ -235,10 +235,9 @@ def _join_masks(found: Sequence[Series]) -> list[Series]:
     if len(masks) < 2:
         return [*found]
     patterns = [each.pattern for each in masks]
-    start, end = (
-        commonprefix([each[::way] for each in patterns]).rstrip(ascii_letters)  # noqa: RUF071
-        for way in (1, -1)
-    )
+    turned = [each[::-1] for each in patterns]
+    start = commonprefix(patterns).rstrip(ascii_letters)  # noqa: RUF071
+    end = commonprefix(turned).rstrip(ascii_letters)  # noqa: RUF071
     words = [each[len(start) : len(each) - len(end)] for each in patterns]
     pattern = start + CLASS + end[::-1]
     joined = replace(masks[0], pattern=pattern, form="masks", words=words)
