@@ -121,8 +121,7 @@ figures.save("fig-3-2-both", table, picture=picture, caption=caption, provenance
 # alone.
 
 # %%
-rule = combination.Combination()
-evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
+evidence = Evidence.of(view.gray, view.previous)
 marked = subset.particles.loc[subset.particles["frame"] == t, ["row", "col"]].to_numpy()
 
 

@@ -22,7 +22,6 @@ from kilnflight.detection import (
     Otsu,
     QuasiClusterCenters,
 )
-from kilnflight.detection.combination import Combination
 from kilnflight.detection.otsu import otsu_threshold
 from kilnflight.flight import space_sliced_velocity
 from kilnflight.regression import Regression, regress, regress_all
@@ -325,7 +324,6 @@ SETTINGS = [  # that are out of range
     (MorphologicalClustering, {"grid": (0, 2.5)}),
     (QuasiClusterCenters, {"k": (0,), "alpha": (-0.1,)}),
     (DoG, {"threshold": (-1.0,), "camera_blur": (2.0, -1.0, NAN)}),
-    (Combination, {"prominence": (0.0,), "share": (-0.1,)}),
     *(
         (kind, {"interval": (0, 2.5, None)})
         for kind in map(type, background.MODELS[:2])

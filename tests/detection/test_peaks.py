@@ -46,7 +46,7 @@ def test_areas_have_peaks_exactly_where_peaks_are_found(seed):
     before = generator.integers(0, 9, shape).astype(
         np.float32
     )  # whole, so that pixels stay equal
-    evidence = Evidence(image + before, before, prominence, prominence, 0.1)
+    evidence = Evidence(image + before, before, prominence, prominence)
     seen = np.abs(evidence.gray - before)
     assert evidence.moved(areas).tolist() == [
         len(find_peaks(seen, area, prominence)) > 0 for area in areas
@@ -57,7 +57,7 @@ def test_the_noise_sets_the_threshold_and_is_hardly_ever_real():
     pairs = (
         np.random.default_rng(0).normal(5000, 20, (20, 2, 120, 160)).astype(np.uint16)
     )
-    still = [Evidence.of(*pair, prominence=5.0, share=0.1) for pair in pairs]
+    still = [Evidence.of(*pair) for pair in pairs]
     smoothed = 20.0 / (2 * np.sqrt(np.pi))
     assert still[0].threshold == pytest.approx(5 * smoothed, rel=0.05)
     assert still[0].change_threshold == pytest.approx(

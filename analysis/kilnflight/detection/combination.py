@@ -35,7 +35,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers, Single
-from kilnflight.checks import check_number
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.detection.region import inside
@@ -241,13 +240,6 @@ class Combination:
     wall
         Clusterer of the first pass; its largest cluster is the wall. Section 5.1.3
         takes the parameters of highest precision.
-    prominence
-        Multiple of the noise by which a peak must stand out. The thesis does not say;
-        in an area of noise alone, of some hundred pixels, the highest stands out by
-        about 3.5.
-    share
-        A second peak must stand out by this share of the highest: in saturated or
-        flickering flames the noise is larger than elsewhere.
     rectangular
         Whether a keypoint and a cluster belong together where its disc meets the
         rectangle of the cluster (chapter 3.1, case 2); False: where it meets a pixel of
@@ -273,14 +265,8 @@ class Combination:
     detector: Detector2D = field(default_factory=DoG)
     clusterer: Clusterer = PARTICLE_PASS
     wall: Clusterer = WALL_PASS
-    prominence: float = 5.0
-    share: float = 0.1
     rectangular: bool = True
     largest_px: float = LARGEST_PX
-
-    def __post_init__(self) -> None:
-        check_number(self.prominence, "Combination: prominence", above=0)
-        check_number(self.share, "Combination: share", least=0)
 
     def __call__(
         self, view: View, roi: Polygon | None = None, frame: int = 0
@@ -344,9 +330,7 @@ class Combination:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
             small &= inside(roi, *centers(clusters).T)
         clusters = take_clusters(clusters, small)
-        evidence = Evidence.of(
-            view.gray, view.previous, self.prominence, self.share, view.smooth
-        )
+        evidence = Evidence.of(view.gray, view.previous, view.smooth)
         moved = evidence.moved(widened(rectangles(clusters)))
         parts = [np.empty((0, len(_COLUMNS)))]
         for case, spots, groups in potential_particles(

@@ -22,6 +22,12 @@ import numpy as np
 from kilnflight.arrays import Array, Flags, Integers, Single, Whole
 from kilnflight.detection.disjoint import find_root
 
+# Multiple of the noise by which a peak must stand out; ours. In an area of noise alone,
+# of some hundred pixels, the highest stands out by about 3.5.
+PROMINENCE = 5.0
+# A second peak must stand out by this share of the highest: in saturated or flickering
+# flames the noise is larger than elsewhere; ours.
+SHARE = 0.1
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
 # Standard deviation of the Gaussian, smaller than any visible particle.
 SMOOTHING_PX = 1.0
@@ -285,15 +291,12 @@ class Evidence(NamedTuple):
     before: Single  # (rows, cols), the frame before, smoothed
     threshold: float  # least prominence of a peak in `gray`, grey values
     change_threshold: float  # the same in the difference of both pictures
-    share: float  # least prominence of further peaks, as a share of the highest one's
 
     @classmethod
     def of(
         cls,
         gray: Integers,
         previous: Integers,
-        prominence: float,
-        share: float,
         smooth: Callable[[Integers], Single] = smoothed,
     ) -> Self:
         """Return the evidence of a frame.
@@ -302,11 +305,6 @@ class Evidence(NamedTuple):
         ----------
         gray, previous
             (rows, cols) of the frame and of the one before.
-        prominence
-            Least prominence of a peak, as a multiple of the noise.
-        share
-            Least prominence of further peaks of an area, as a share of the highest
-            one's.
         smooth
             Function that smooths either; a `Smoother` remembers the frame before.
 
@@ -323,22 +321,21 @@ class Evidence(NamedTuple):
         sample = now.reshape(-1)[::step] - before.reshape(-1)[::step]
         sample = sample[: (sample.size - 1) | 1]  # an odd number has one middle
         spread = float(_middle(np.abs(sample - _middle(sample))))
-        threshold = prominence * max(1.4826 * spread, _ROUNDING)
+        threshold = PROMINENCE * max(1.4826 * spread, _ROUNDING)
         return cls(
             gray=now,
             before=before,
             threshold=threshold / np.sqrt(2.0),
             change_threshold=threshold,
-            share=share,
         )
 
     def peaks(self, area: Integers) -> Array:
         """Return the peaks (k, 3) of ``gray`` in an area (4,), as `find_peaks` does.
 
-        Peaks below ``share`` of the largest prominence are left out.
+        Peaks below `SHARE` of the largest prominence are left out.
         """
         peaks = find_peaks(self.gray, area, self.threshold)
-        return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
+        return peaks[peaks[:, 2] >= SHARE * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: Integers) -> Flags:
         """Return whether each area (n, 4) has a peak where both frames differ.
