@@ -315,7 +315,7 @@ class Adaptive(WindowModel):
 
 
 @dataclass(frozen=True)
-class RunningGaussian(Subtraction):
+class RunningGaussian(WindowModel):
     """Keep differences from a running average that are significant (Eqs 2.9, 2.10).
 
     The foreground is the difference where it exceeds ``k`` standard deviations, 0
@@ -353,7 +353,7 @@ class RunningGaussian(Subtraction):
     k: float = 0.4  # Table 5.4
 
     def __post_init__(self) -> None:
-        check_number(self.window, "RunningGaussian: window", least=1, whole=True)
+        super().__post_init__()
         check_number(self.memory, "RunningGaussian: memory", least=0, most=1)
         check_number(self.k, "RunningGaussian: k", least=0)
 
@@ -363,17 +363,12 @@ class RunningGaussian(Subtraction):
         ``frames[t]`` are grey images (rows, cols) of one stack; ``indices`` are frame
         numbers from 0, in any order.
         """
-        return (foreground for _, foreground in self._averaged(frames, indices))
-
-    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
-        """Yield the running average (rows, cols) of each requested frame (Fig. 5.2)."""
-        return (mean for mean, _ in self._averaged(frames, indices))
-
-    def _averaged(
-        self, frames: Frames, indices: Iterable[int]
-    ) -> Iterator[tuple[_Image, Single]]:
         held = HeldFrames(frames, self.window)
-        return (self._average(held, t) for t in check_indices(indices, held.length))
+        numbers = check_indices(indices, held.length)
+        return (self._average(held, t)[1] for t in numbers)
+
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
+        return ((t, self._average(held, t)[0]) for t in indices)
 
     def _average(self, held: HeldFrames, t: int) -> tuple[_Image, Single]:
         """Return mean and foreground (rows, cols) of frame t by Eqs 2.9 and 2.10."""
