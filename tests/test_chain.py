@@ -34,7 +34,9 @@ def twin(kept_scene):
 def run(twin):
     """Six frames of the small twin in two chunks."""
     source, detector = TwinSource(SCENE), Combination(DoG(300.0))
-    return chain.Chain(chain.DetectionRun(source, 202, 208, detector, MEDIAN, chunk=4))
+    return chain.Chain(
+        chain.DetectionRun(source, range(202, 208), detector, MEDIAN, chunk=4)
+    )
 
 
 def test_a_view_is_the_frame_without_the_flame(twin):
@@ -77,7 +79,7 @@ def test_detections_do_not_depend_on_other_frames(twin):
 
 def test_chunks_and_processes_do_not_change_the_detections(run, monkeypatch):
     assert run.detection.chunks == [range(202, 204), range(204, 208)]
-    assert replace(run.detection, stop=202).chunks == []
+    assert replace(run.detection, frames=range(202, 202)).chunks == []
     chain.make_tables([run], Workers(2))
     table = run.detection.detections()
     recording = run.detection.source.recording()

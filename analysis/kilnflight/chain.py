@@ -143,8 +143,8 @@ class DetectionRun:
     ----------
     source
         Names and opens the recording.
-    start, stop
-        First frame, and the one after the last.
+    frames
+        Frames to detect in.
     detector, background
         Combined detector and background model.
     chunk
@@ -154,8 +154,7 @@ class DetectionRun:
     """
 
     source: Source
-    start: int
-    stop: int
+    frames: range
     detector: Combination | Planar
     background: BackgroundModel = field(default_factory=Median)
     chunk: int = CHUNK_FRAMES
@@ -164,11 +163,9 @@ class DetectionRun:
     @property
     def chunks(self) -> list[range]:
         """Frames of each table: ranges cut at multiples of ``chunk``."""
-        first = self.start // self.chunk * self.chunk
-        pieces = []
-        for begin in range(first, self.stop, self.chunk):
-            end = min(begin + self.chunk, self.stop)
-            pieces.append(range(max(begin, self.start), end))
+        first = -(self.frames.start % self.chunk)
+        cuts = range(first, len(self.frames), self.chunk)
+        pieces = [self.frames[max(cut, 0) : cut + self.chunk] for cut in cuts]
         return [piece for piece in pieces if piece]
 
     def table(self, frames: range) -> CachedTable:
@@ -233,7 +230,7 @@ class Chain:
     @property
     def frames(self) -> range:
         """Frames with detections."""
-        return range(self.detection.start, self.detection.stop)
+        return self.detection.frames
 
     @property
     def frame_rate_hz(self) -> float:

@@ -149,7 +149,7 @@ def preview(source: Any, **options: Any) -> Figure:
     first = recording.frame(0).index
     run, known, rows = choose(recording, Options(**options))
     seen = run.source.recording()
-    frames = [run.start + k for k in spread(run.stop - run.start, PREVIEW_FRAMES)]
+    frames = [run.frames[k] for k in spread(len(run.frames), PREVIEW_FRAMES)]
     views = list(chain.views(seen, frames, run.background))
     attributes = recording.attributes
     height_mm = 8.0 + style.PAGE_MM / 3 * attributes.rows / attributes.columns

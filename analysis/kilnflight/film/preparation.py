@@ -239,8 +239,7 @@ def _detection(
     chunk = min(chain.CHUNK_FRAMES, max(25, -(-len(frames) // 8)))
     return chain.DetectionRun(
         source=seen,
-        start=frames.start,
-        stop=frames.stop,
+        frames=frames,
         detector=detector,
         background=BACKGROUNDS[options.background or "median"],
         chunk=chunk,

@@ -64,8 +64,7 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     """
     run = choose(open_any(source), Options(**options)).run
     seen = run.source.recording()
-    frames = range(run.start, run.stop)
-    return chain.detect_frames(seen, frames, run.detector, run.background, progress)
+    return chain.detect_frames(seen, run.frames, run.detector, run.background, progress)
 
 
 def track_detections(

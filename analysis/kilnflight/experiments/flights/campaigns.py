@@ -209,8 +209,7 @@ def _run(source: TwinSource, scale: str, settings: LearnedSettings) -> Chain:
     frames = busiest(*flight_frames(twin), count, len(twin))
     detection = DetectionRun(
         source,
-        frames.start,
-        frames.stop,
+        frames,
         detector=Combination(sift(settings.threshold)),
         background=BACKGROUNDS[scale],
         chunk=-(-len(twin) // 3),  # each chunk reads a window of the median again
