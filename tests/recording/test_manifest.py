@@ -85,7 +85,7 @@ class Files:
 
     def run(self):
         stored = write_recording(open_any(self.manifest), self.target)
-        return summarise_recording(stored).set_index("what")["value"], stored
+        return dict(summarise_recording(stored)), stored
 
 
 @pytest.fixture

@@ -26,8 +26,8 @@ from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
+from kilnflight.film.report import Rows
 
-Rows = list[tuple[str, str]]  # a setting, "note" or "warning", and what is told of it
 # Options that `choose` explains itself; the first says something only of depth.
 EXPLAINED = {"in_air_mm", "background", "threshold", "post_processing"}
 SHAKEN = (

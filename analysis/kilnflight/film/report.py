@@ -20,6 +20,7 @@ from kilnflight.scores.intervals import median_interval
 
 # Detections, and the tables of `kilnflight.chain.CHAIN_STEPS`.
 Tables = Mapping[str, pd.DataFrame]
+Rows = list[tuple[str, str]]  # a name, "note" or "warning", and what is told of it
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
 
@@ -39,8 +40,8 @@ def _facts(frame: Frame) -> dict[str, Any]:
     }
 
 
-def summarise_recording(recording: StoredRecording | FileRecording) -> pd.DataFrame:
-    """Read every frame once; return rows of ``what`` and ``value``, both texts."""
+def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
+    """Read every frame once; return what it holds."""
     recording.content()  # refused where it was changed after it was written
     frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)
     each = pd.DataFrame([_facts(recording.frame(t)) for t in frames])
@@ -70,13 +71,13 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> pd.DataFr
         if near < LEAST_MM or far > MOST_MM:
             told = "depths: is the unit mm, and is the invalid value left out?"
             rows.append(("warning", told))
-    return pd.DataFrame(rows, columns=["what", "value"])
+    return rows
 
 
-def aligned(rows: pd.DataFrame) -> str:
-    """Return rows of ``what`` and ``value`` as text, one a line."""
-    width = max(10, rows["what"].str.len().max())
-    lines = [f"{what:<{width}}  {value}" for what, value in rows.to_numpy()]
+def aligned(rows: Rows) -> str:
+    """Return rows as text, one a line."""
+    width = max(10, *(len(what) for what, _ in rows))
+    lines = [f"{what:<{width}}  {value}" for what, value in rows]
     return "\n".join(map(printable, lines))
 
 

@@ -202,12 +202,11 @@ def run_recording(
         tables[step] = run.table(step)()
     rows += summary(tables).items()
     rows += [("warning", doubt) for doubt in doubts(tables)]
-    names = ["what", "value"]
-    tables["summary"] = pd.DataFrame(rows, columns=names)
+    tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
     index = stored.per_frame["index"]
     publish(tables, stored, target, index[run.frames] - index[0])
     rows.append(("written to", f"{target}"))
-    print(aligned(pd.DataFrame(rows, columns=names)))
+    print(aligned(rows))
     return tables
 
 
