@@ -21,12 +21,12 @@ from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
 from kilnflight.film.motion import more_rests, shaken_px
 from kilnflight.film.noise import area_threshold, middle, noise_threshold
 from kilnflight.film.prepared import Prepared, mean_level, spread
+from kilnflight.film.report import Rows
 from kilnflight.film.settings import BACKGROUNDS, Options
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
-from kilnflight.film.report import Rows
 
 # Options that `choose` explains itself; the first says something only of depth.
 EXPLAINED = {"in_air_mm", "background", "threshold", "post_processing"}
@@ -45,13 +45,6 @@ RESTING = (
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 LEAST_SHAKEN = 15  # frames and px; in a shorter film slow particles look like shaking
 SHAKEN_PX = 0.5  # above it edges of a textured ground stand out
-
-
-class Choice(NamedTuple):
-    """A value, and why it was taken."""
-
-    value: str
-    reason: str
 
 
 class Chosen(NamedTuple):
@@ -110,10 +103,10 @@ def choose(recording: Recording, options: Options) -> Chosen:
     seen = _prepared(recording, options, deep)
     looks = Looks(seen)
     rows = _given(recording, options, deep)
-    background = choose_background(looks, options, deep)
-    if background.reason == "most moves" and not deep:
+    background, reason = choose_background(looks, options, deep)
+    if reason == "most moves" and not deep:
         rows += _resting(looks)
-    rows.append(("background", f"{background.value} ({background.reason})"))
+    rows.append(("background", f"{background} ({reason})"))
     if seen.level is not None:
         level = f"every frame brought to a median of {seen.level:g} grey values"
         rows.append(("light", level))
@@ -122,15 +115,13 @@ def choose(recording: Recording, options: Options) -> Chosen:
     if options.size is not None:
         enlarge = _enlarged_for(options.size)
     elif planar:
-        enlarge, reason = choose_enlargement(looks, background.value, options.small)
+        enlarge, reason = choose_enlargement(looks, background, options.small)
         rows.append(("enlarged", reason))
     if planar:
-        rows += _doubts(looks, background.value, enlarge)
-    threshold, reason = choose_threshold(
-        looks, background.value, enlarge, options, deep
-    )
+        rows += _doubts(looks, background, enlarge)
+    threshold, reason = choose_threshold(looks, background, enlarge, options, deep)
     rows.append(("threshold", f"{threshold:g} grey values ({reason})"))
-    known = replace(options, background=background.value, threshold=threshold)
+    known = replace(options, background=background, threshold=threshold)
     return Chosen(_detection(seen, known, enlarge, deep), known, rows)
 
 
@@ -159,16 +150,19 @@ def _given(recording: Recording, options: Options, deep: bool) -> Rows:
     return rows
 
 
-def choose_background(looks: Looks, options: Options, deep: bool) -> Choice:
-    """Return the background that shows most particles: "median" or "none"."""
+def choose_background(looks: Looks, options: Options, deep: bool) -> tuple[str, str]:
+    """Return the background that shows most particles, and why.
+
+    It is "median" or "none".
+    """
     if options.background is not None:
-        return Choice(options.background, "given")
+        return options.background, "given"
     frames = len(looks.seen)
     if frames < FEW_FRAMES:
-        return Choice("none", f"only {frames} frame(s)")
+        return "none", f"only {frames} frame(s)"
     if not deep and more_rests(looks.spots("median", 2), looks.spots("none", 2)):
-        return Choice("none", "most rests")
-    return Choice("median", "most moves")
+        return "none", "most rests"
+    return "median", "most moves"
 
 
 def _resting(looks: Looks) -> Iterator[tuple[str, str]]:
