@@ -423,11 +423,16 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     """
     first = wall(xyz)
     labels = np.full(len(xyz), -1, dtype=np.intp)
-    # Points of each cluster; the last 0 stands for no cluster at all.
-    sizes = np.append(np.bincount(first + 1)[1:], 0)
-    off_wall = first != sizes.argmax()
+    off_wall = first != largest_cluster(first)
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels
+
+
+def largest_cluster(labels: Index) -> int:
+    """Return the label of most points (n,); without a cluster, one that none has."""
+    # The last 0 stands for no cluster at all.
+    sizes = np.append(np.bincount(labels + 1)[1:], 0)
+    return int(sizes.argmax())
 
 
 def decide_case(

@@ -15,8 +15,13 @@ from kilnflight import chain
 from kilnflight.arrays import Array, Single
 from kilnflight.chain import Vector
 from kilnflight.checks import InputError
-from kilnflight.detection import DBSCAN, DoG, Otsu
-from kilnflight.detection.combination import Combination, Planar
+from kilnflight.detection import DoG, Otsu
+from kilnflight.detection.combination import (
+    WALL_PASS,
+    Combination,
+    Planar,
+    largest_cluster,
+)
 from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
 from kilnflight.film.motion import more_rests, shaken_px
 from kilnflight.film.noise import area_threshold, middle, noise_threshold
@@ -319,8 +324,7 @@ def fitted_wall(recording: Recording, frames: Sequence[int]) -> Cylinder:
     than what flies.
     """
     points = np.concatenate([calibrated_cloud(recording, t) for t in frames])
-    labels = DBSCAN(eps=50.0, min_points=10)(points)  # wall pass, sec. 5.1.3
+    labels = WALL_PASS(points)
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")
-    largest = np.bincount(labels[labels >= 0]).argmax()
-    return fit_cylinder(points[labels == largest])
+    return fit_cylinder(points[labels == largest_cluster(labels)])

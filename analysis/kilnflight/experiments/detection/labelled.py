@@ -34,6 +34,7 @@ from kilnflight.detection.combination import (
     WALL_PASS,
     Combination,
     View,
+    largest_cluster,
     no_larger,
     second_pass,
 )
@@ -427,7 +428,7 @@ def wall_points(subset: Subset) -> Array:
     """
     points = calibrated_cloud(subset.recording, subset.frames[0])
     labels = WALL_PASS(points)
-    return points[labels == np.bincount(labels[labels >= 0]).argmax()]
+    return points[labels == largest_cluster(labels)]
 
 
 def score_at_chosen(
