@@ -349,6 +349,19 @@ def _boxes(cells: _Cells) -> Any:
 
 
 @njit(cache=True)
+def _reaches(cells: _Cells, a: int, inner: _Cells, other: int, limit: float) -> bool:
+    """Return whether point ``a`` is within eps of a point of the cell ``other``.
+
+    ``a`` is an index in ``cells.points``, ``other`` one in ``inner.keys``, and
+    ``limit`` is eps^2 in mm^2.
+    """
+    for b in range(inner.starts[other], inner.starts[other + 1]):
+        if _near(cells.points, a, inner.points, inner.points, b, limit):
+            return True
+    return False
+
+
+@njit(cache=True)
 def _touch(
     cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: float
 ) -> bool:
@@ -359,10 +372,9 @@ def _touch(
     other's box.
     """
     for a in range(cells.starts[cell], cells.starts[cell + 1]):
-        if _near(cells.points, a, low, high, other, limit):
-            for b in range(cells.starts[other], cells.starts[other + 1]):
-                if _near(cells.points, a, cells.points, cells.points, b, limit):
-                    return True
+        near = _near(cells.points, a, low, high, other, limit)
+        if near and _reaches(cells, a, cells, other, limit):
+            return True
     return False
 
 
@@ -433,16 +445,3 @@ def _add_borders(
                     if lower and _reaches(cells, a, inner, other, limit):
                         best = numbers[other]
             labels[cells.order[a]] = best
-
-
-@njit(cache=True)
-def _reaches(cells: _Cells, a: int, inner: _Cells, other: int, limit: float) -> bool:
-    """Return whether point ``a`` is within eps of a point of the cell ``other``.
-
-    ``a`` is an index in ``cells.points``, ``other`` one in ``inner.keys``, and
-    ``limit`` is eps^2 in mm^2.
-    """
-    for b in range(inner.starts[other], inner.starts[other + 1]):
-        if _near(cells.points, a, inner.points, inner.points, b, limit):
-            return True
-    return False
