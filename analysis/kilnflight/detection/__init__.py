@@ -26,7 +26,6 @@ their first point (`DBSCAN`: first core point, as scikit-learn does).
 """
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy.typing as npt
 
@@ -44,12 +43,6 @@ from kilnflight.detection.sift import DoG as DoG
 from kilnflight.detection.sift import Polygon as Polygon
 
 Clusterer = Callable[[npt.ArrayLike], Index]
-
-
-class Detector2D(Protocol):
-    """What finds particles in a picture."""
-
-    def __call__(
-        self, foreground: npt.ArrayLike, within: Polygon | None = None
-    ) -> Array:
-        """Return row, col and radius (n, 3) in px; within the polygon alone, if any."""
+# Takes a foreground and, if not all of it is searched, a polygon; returns row, col and
+# radius (n, 3) in px.
+Detector2D = Callable[..., Array]
