@@ -238,7 +238,6 @@ FLIGHTS = Table(
     start_mm=float,  # distance of its first positions from the lance
     ignition=str,  # seen, none or too few points
     ignition_s=GAPS,  # counted from t0_s; NaN unless ignition was seen
-    wall_mm=float,  # last distance from the kiln's axis
     refused=str,  # reason for rejection; empty if accepted
 )
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -99,21 +98,13 @@ def _last_velocity(fit: Fit) -> Array:
     return (places[1] - places[0]) / max(fit.last_s - before, 1e-9)
 
 
-class FlightEnd(NamedTuple):
-    """End of a flight."""
+def landing_s(fit: Fit, wall: Cylinder, in_air: InAir) -> float | None:
+    """Return when a trajectory ends on the wall (section 3.2); None: in the air.
 
-    landed: bool  # True: it ended on the wall, False: in the air
-    end_s: float  # s, on the recording's clock
-    wall_mm: float  # distance of the fit from the kiln's axis at the last detection
-
-
-def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
-    """Return whether, when and where a trajectory ends on the wall (section 3.2).
-
-    The limit is the distance ``in_air.threshold_mm`` from the axis of ``wall``. A
-    flight lands if it reaches the limit between first and last detection, or on a
-    straight line within `BEYOND_S` and `BEYOND_MM` of the last one. Otherwise it ends
-    in the air, with the last detection.
+    The time is in s on the recording's clock. The limit is the distance
+    ``in_air.threshold_mm`` from the axis of ``wall``. A flight lands if it reaches the
+    limit between first and last detection, or on a straight line within `BEYOND_S` and
+    `BEYOND_MM` of the last one.
 
     Notes
     -----
@@ -133,16 +124,13 @@ def end_of(fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
     later = fit.last_s + np.append(np.arange(0.0, beyond_s, STEP_S)[1:], beyond_s)
     time = np.concatenate([observed, later])
     off = outside(time)
-    wall_mm = off[count - 1] + in_air.threshold_mm
     beyond = off >= -TOUCH_MM
-    landed = bool(beyond.any())
-    end = fit.last_s
-    if landed:
-        k = np.argmax(beyond)
-        end = time[k]
-        if k > 0 and off[k - 1] < 0 < off[k]:
-            end = brentq(lambda t: outside(t)[0], time[k - 1], time[k], xtol=1e-9)
-    return FlightEnd(landed=landed, end_s=end, wall_mm=wall_mm)
+    if not beyond.any():
+        return None
+    k = np.argmax(beyond)
+    if k > 0 and off[k - 1] < 0 < off[k]:
+        return brentq(lambda t: outside(t)[0], time[k - 1], time[k], xtol=1e-9)
+    return time[k]
 
 
 @dataclass(frozen=True)

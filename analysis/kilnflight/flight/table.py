@@ -11,7 +11,7 @@ import pandas as pd
 
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
+from kilnflight.flight.criteria import BEYOND_S, Plausible, landing_s, starts_at_lance
 from kilnflight.ignition import NONE, SEEN, Ignition, IgnitionResult
 from kilnflight.regression import Fit
 from kilnflight.tables import AXES, FLIGHTS, GAPS, Table, order_tracks
@@ -186,13 +186,13 @@ def _flight(
     rate. The ``ending`` is empty if the flight ends in the air.
     """
     from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
-    landed, end_s, wall_mm = end_of(fit, wall, in_air)
     time = track["frame"].to_numpy(np.float64) / rate_hz
     ending = LANDED
-    if not landed:
+    end_s = landing_s(fit, wall, in_air)
+    if end_s is None:
         # The last detections may have no depth and so be unknown to the fit.
         ending = ""
-        end_s = max(end_s, time[-1])
+        end_s = max(fit.last_s, time[-1])
     ignition = IgnitionResult(NONE)
     if rules.ignition is not None:
         flying = track[time <= end_s]
@@ -213,7 +213,6 @@ def _flight(
         "start_mm": start_mm,
         "ignition": ignition.outcome,
         "ignition_s": ignition.time_s - fit.t0,
-        "wall_mm": wall_mm,
         "refused": refused,
     }
 
