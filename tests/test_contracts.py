@@ -338,8 +338,7 @@ SETTINGS = [  # that are out of range
     (ConstantVelocity, {"velocity": ((NAN, 0.0), (), 3.0, ("a", "b"))}),
     (ConstantVelocity, {"measurement_sd": (0.0, NAN, "2")}),
     (ConstantAcceleration, {"acceleration_sd": (0.0, np.inf)}),
-    (Management, {"visibility": (1.5,), "invisible": (2.5,)}),
-    (Management, {"used": ("a",)}),
+    (Management, {"visibility": (1.5, "a"), "invisible": (2.5,)}),
     (Regression, {"lowest": (0,), "highest": (10,), "gain": (-0.1,)}),
     (Workers, {"jobs": (0, 1.5)}),
 ]

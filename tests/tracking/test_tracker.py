@@ -6,6 +6,7 @@ import pytest
 
 from kilnflight.association import GNN, JPDA, NearestNeighbor
 from kilnflight.checks import InputError
+from kilnflight.tracking import tracker
 from kilnflight.tracking.filter import (
     ConstantAcceleration,
     ConstantVelocity,
@@ -134,7 +135,7 @@ def test_no_track_is_twice_in_a_frame_whatever_the_place_and_time(associator):
     assert result[~used].groupby("particle")["frame"].min().is_monotonic_increasing
 
 
-def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
+def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections(monkeypatch):
     """Section 5.2.3; by hand: 0.6 and 0.2 of 0.8 weigh 3 to 1, 0.14 and 0.56 weigh 1 to
     4.
     """
@@ -161,9 +162,8 @@ def test_a_probabilistic_track_is_recorded_at_the_mean_of_its_detections():
     surer = track(table, undecided([0.3, 0.0, 0.14, 0.56]))
     assert surer["particle"].tolist() == [0, 1, 0, -1, 1]
     np.testing.assert_allclose(surer["row"], [0.0, 8.0, 1.0, 4.0, 12.0])
-    lenient = track(
-        table, undecided([0.3, 0.0, 0.14, 0.56]), management=Management(used=0.3)
-    )
+    monkeypatch.setattr(tracker, "USED", 0.3)
+    lenient = track(table, undecided([0.3, 0.0, 0.14, 0.56]))
     assert lenient["particle"].tolist() == [0, 1, 0, 2, 1]
 
 

@@ -36,6 +36,11 @@ ExtraColumns = Mapping[str, npt.NDArray[Any]]
 Shares = tuple[Integers, Integers, Any]  # (q,) each, see `_shares`
 
 
+# Weight in a track from which a detection starts none; ours: with a tenth of the weight
+# it is part of the recorded position.
+USED = 0.1
+
+
 class Step(NamedTuple):
     """Detections, gated pairs, weights and tracks of one frame.
 
@@ -66,8 +71,7 @@ class Management:
     ``visibility``: SIFT finds about half of the particles that do not burn and all of
     those that do (section 5.1), so a true track nearly always lies above 0.4. As
     printed it is tested from the first frame on: one miss in the second frame makes
-    0.5, another 1/3. Frames without detections count. ``used``: a detection with a
-    tenth of a track's weight is part of the recorded position.
+    0.5, another 1/3. Frames without detections count.
 
     Parameters
     ----------
@@ -75,8 +79,6 @@ class Management:
         v_eps, smallest share of the frames of a track's life; not printed.
     invisible
         CIC_eps, largest number of missed frames in a row; not printed.
-    used
-        Weight in a track from which a detection starts none; not printed.
 
     Examples
     --------
@@ -91,12 +93,10 @@ class Management:
 
     visibility: float = 0.4
     invisible: int = 5
-    used: float = 0.1
 
     def __post_init__(self) -> None:
         check_number(self.visibility, "Management: visibility", least=0, most=1)
         check_number(self.invisible, "Management: invisible", least=0, whole=True)
-        check_number(self.used, "Management: used", above=0, most=1)
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each of n tracks lives on in ``frame``, (n,)."""
@@ -248,9 +248,7 @@ def steps(
         return associator(pairs), {}, {}  # no extra columns
 
     frames = read_detections(detections)
-    yield from follow(
-        frames, motion, gate, associate, management.keeps, used=management.used
-    )
+    yield from follow(frames, motion, gate, associate, management.keeps)
 
 
 def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
@@ -333,7 +331,6 @@ def follow(
     associate: Associate,
     keeps: Keeps,
     extra_columns: Sequence[tuple[str, type]] = (),
-    used: float = 1.0,
 ) -> Iterator[Step]:
     """Yield the `Step` of each frame, in the kiln and on the belt.
 
@@ -351,8 +348,6 @@ def follow(
         Function of tracks and frame number that returns which tracks live on, (n,).
     extra_columns
         Names and types of the columns that ``associate`` fills.
-    used
-        A detection that a recorded track weights at least as much starts no track.
     """
     noise = motion.measurement_noise()
     d = len(noise)  # coordinates of a position
@@ -384,7 +379,7 @@ def follow(
         for name, values in extra.items():
             tracks[name] = values
         owner = choose_owners(pairs, weights)
-        unused = _unused(pairs, weights, owner, used)
+        unused = _unused(pairs, weights, owner)
         n = len(kept) + len(unused)
         track_of = owner.copy()
         track_of[unused] = np.arange(len(kept), n)
@@ -395,17 +390,17 @@ def follow(
         yield Step(detected, pairs, weights, particle, owner, tracks)
 
 
-def _unused(pairs: Pairs, weights: Array | Flags, owner: Index, used: float) -> Index:
+def _unused(pairs: Pairs, weights: Array | Flags, owner: Index) -> Index:
     """Return the detections (k,) that each start a track, as no track has used them.
 
-    A track uses a detection with a weight of at least ``used``, if it is recorded, as
+    A track uses a detection with a weight of at least `USED`, if it is recorded, as
     ``owner`` (m,) says.
     """
     share = np.zeros(len(owner))
     if weights.dtype != np.bool_:  # else a detection with a weight is recorded
         by_owner = np.isin(pairs.track, owner)
         np.maximum.at(share, pairs.detection[by_owner], weights[by_owner])
-    return np.flatnonzero((owner < 0) & (share < used))
+    return np.flatnonzero((owner < 0) & (share < USED))
 
 
 def _begin(
