@@ -352,7 +352,7 @@ def range_of_start(time: Array, moved: Array, longest: float) -> tuple[Array, fl
         low, solved, high = np.take_along_axis(grid, around, axis=0)
     margin = max(np.ptp(solved), np.diff(time).min())
     limits = np.clip([solved.min() - margin, solved.max() + margin], *widest)
-    return limits, float(np.median(solved))
+    return limits, np.median(solved)
 
 
 def trajectory_solver(

@@ -98,7 +98,7 @@ def rectangles(clusters: Clusters) -> Index:
 def centers(clusters: Clusters) -> Array:
     """Return the mean row and column of each cluster's points, (clusters, 2) in px."""
     sums = np.add.reduceat(clusters.pixels, clusters.start[:-1], axis=0)
-    return np.asarray(sums / np.diff(clusters.start)[:, None])
+    return sums / np.diff(clusters.start)[:, None]
 
 
 def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Clusters:

@@ -179,11 +179,9 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
             "enlarge eps."
         )
     along = ((high - low) / side).astype(np.int64) + 1 + _REACH
-    row = int(along[2])
-    layer = int(along[1] * along[2])
-    keys, order = _radix_sort(
-        _number(points, low, side, layer, row), layer * int(along[0])
-    )
+    row = along[2]
+    layer = along[1] * along[2]
+    keys, order = _radix_sort(_number(points, low, side, layer, row), layer * along[0])
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()

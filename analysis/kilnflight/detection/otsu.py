@@ -114,8 +114,8 @@ def _criterion(counts: Integers) -> Array:
     p = counts / total
     omega = np.cumsum(counts)[:-1] / total
     mu = np.cumsum(counts * np.arange(len(counts)))[:-1] / total
-    mean = float(level @ p)
-    variance = float((level - mean) ** 2 @ p)
+    mean = level @ p
+    variance = (level - mean) ** 2 @ p
     return (mean * omega - mu) ** 2 / (variance * omega * (1 - omega))
 
 

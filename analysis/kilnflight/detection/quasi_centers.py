@@ -119,7 +119,7 @@ class QuasiClusterCenters:
         labels[sizes[labels] < k] = NOISE
         kept = labels != NOISE
         labels[kept] = pd.factorize(labels[kept])[0]  # in the order of first points
-        return np.asarray(labels)
+        return labels
 
 
 def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:

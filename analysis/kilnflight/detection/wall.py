@@ -147,7 +147,7 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     """
     points = check_finite(points_mm, "distance_to_axis: points_mm", (None, 3))
     direction = np.asarray(cylinder.direction)
-    length = float(np.linalg.norm(direction))
+    length = np.linalg.norm(direction)
     check_number(
         length, "distance_to_axis: length of the cylinder's direction", above=0
     )
@@ -183,10 +183,10 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
         raise InputError(
             "crossing: in_air_mm and wall_mm must hold two different values each."
         )
-    low = float(air.mean())
-    high = float(wall.mean())
-    narrow = float(air.std(ddof=1))
-    wide = float(wall.std(ddof=1))
+    low = air.mean()
+    high = wall.mean()
+    narrow = air.std(ddof=1)
+    wide = wall.std(ddof=1)
     apart = high - low
     # Twice the log of the ratio of both Gaussians, a quadratic of the distance.
     ratio = np.array([1.0, -2 * apart, apart**2]) / wide**2
@@ -199,7 +199,7 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
             f"wall_mm, {high:.1f} +- {wide:.1f} mm, do not cross between ascending "
             "means."
         )
-    return low + float(between[0])
+    return float(low + between[0])
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ def _residuals(points: Array, centre: Array, direction: Array, radius: float) ->
     ``direction`` (3,) is a unit vector.
     """
     side = np.cross(points - centre, direction)
-    return np.asarray(np.linalg.norm(side, axis=1) - radius)
+    return np.linalg.norm(side, axis=1) - radius
 
 
 def _search(
@@ -271,7 +271,7 @@ def _search(
     local = points - middle
     # Outliers are as likely anywhere across the cloud; far ones must not widen it.
     reach = np.quantile(np.linalg.norm(local, axis=1), 0.95)
-    width = max(2 * float(reach), MAX_DISTANCE_MM)
+    width = max(2 * reach, MAX_DISTANCE_MM)
     directions = _draw_directions(generator)
     triples = local[generator.integers(len(points), size=(TRIALS, 3))]
     centres, radii = circles(triples, directions)
@@ -281,7 +281,7 @@ def _search(
     usable = (radii > MAX_DISTANCE_MM) & (radii < flat)
     # Share of the directions that keep the ends of the cloud within the maximum
     # distance. A trial is good with this probability, times that of three inliers.
-    half_length = max(float(np.quantile(np.abs(local[:, 2]), 0.95)), 1e-9)
+    half_length = max(np.quantile(np.abs(local[:, 2]), 0.95), 1e-9)
     good = (1 - np.cos(min(MAX_DISTANCE_MM / half_length, _WIDEST))) / (
         1 - np.cos(_WIDEST)
     )
@@ -295,10 +295,10 @@ def _search(
             local, centres[batch], directions[batch], radii[batch], width
         )
         if len(batch) and costs.min() < least:
-            first = int(np.argmin(costs))
-            least = float(costs[first])
-            best = int(batch[first])
-            share = float(shares[first])
+            first = np.argmin(costs)
+            least = costs[first]
+            best = batch[first]
+            share = shares[first]
         tried += _BATCH
     if best < 0:
         return None
@@ -359,7 +359,7 @@ def likelihood(
         inlier = np.exp(-0.5 * distance**2) / (np.sqrt(2 * np.pi) * _SIGMA_MM)
         for _ in range(5):  # Torr and Zisserman: "two or three" suffice
             share = mixing * inlier
-            mixing = float(np.mean(share / (share + (1 - mixing) / width)))
+            mixing = np.mean(share / (share + (1 - mixing) / width))
         costs[trial] = -np.log(mixing * inlier + (1 - mixing) / width).sum()
         mixings[trial] = mixing
     return costs, mixings

@@ -50,7 +50,7 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
     steps = speeds(linked)
     if not len(steps):
         return
-    step = float(np.median(steps))
+    step = np.median(steps)
     apart = neighbour_px(tracks)
     if step > apart / 2:
         between = f"{apart:.1f} px between neighbours"
@@ -69,4 +69,4 @@ def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
     if not some:
         return np.inf
     apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
-    return float(np.median(np.concatenate(apart)))
+    return np.median(np.concatenate(apart))

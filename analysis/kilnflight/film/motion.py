@@ -82,7 +82,7 @@ def _width(places: Mapping[int, Array]) -> float:
     """Return the larger extent in px of all positions by frame."""
     if not places:
         return 0.0
-    return float(np.ptp(np.concatenate(list(places.values())), axis=0).max())
+    return np.ptp(np.concatenate(list(places.values())), axis=0).max()
 
 
 def _links(
@@ -148,14 +148,14 @@ def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
     crowd = some[tree.query_ball_point(some, NEAR_PX, return_length=True).argmax()]
     flow = np.median(steps[tree.query_ball_point(crowd, NEAR_PX)], axis=0)
     if _median_gap(pairs, flow) < 0.5 * _median_gap(pairs, none):
-        return np.asarray(flow)
+        return flow
     return none
 
 
 def _median_gap(pairs: Sequence[tuple[Array, Array]], step: Array) -> float:
     """Return the median distance of moved positions from the nearest one after."""
     gaps = [KDTree(after).query(before + step)[0] for before, after in pairs]
-    return float(np.median(np.concatenate(gaps)))
+    return np.median(np.concatenate(gaps))
 
 
 def _linked(
@@ -191,7 +191,7 @@ def more_rests(moving: Sequence[Array], every: Sequence[Array]) -> bool:
     least = 0.0
     if len(left):
         least = np.median(left) / 2
-    total = int((np.concatenate(every)[:, 3] >= least).sum())
+    total = (np.concatenate(every)[:, 3] >= least).sum()
     if 50 * len(left) < total:
         return True
     shares = _shares_left(moving, every)
@@ -228,7 +228,7 @@ def shaken_px(recording: Recording) -> float:
         return 0.0
     window = cv2.createHanningWindow(still.shape[::-1], 5)
     found = [cv2.phaseCorrelate(still, frames[t], window)[0] for t in first]
-    return float(np.median(np.hypot(*np.diff(found, axis=0).T)))
+    return np.median(np.hypot(*np.diff(found, axis=0).T))
 
 
 def _middle(length: int) -> slice:

@@ -65,7 +65,7 @@ def noise_threshold(foregrounds: Sequence[Single], enlarge: int = 1) -> float:
     pixel; a higher threshold may be better there.
     """
     noise = [block_noise(middle(each, enlarge), enlarge) for each in foregrounds]
-    return float(f"{5.0 * max(float(np.median(noise)), LEAST_NOISE):.3g}")
+    return float(f"{5.0 * max(np.median(noise), LEAST_NOISE):.3g}")
 
 
 def area_threshold(recording: Recording) -> float:

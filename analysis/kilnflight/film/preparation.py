@@ -263,7 +263,7 @@ def _doubts(looks: Looks, background: str, enlarge: int) -> Iterator[tuple[str, 
 
 def _median_radius(found: Sequence[Array]) -> float:
     """Return the median radius in px of all found, row, col and radius (n, 3 or 4)."""
-    return float(np.median([0.0, *np.concatenate(found)[:, 2]]))
+    return np.median([0.0, *np.concatenate(found)[:, 2]])
 
 
 def prepare(

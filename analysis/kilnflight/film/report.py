@@ -113,7 +113,7 @@ def _found(tables: Tables) -> dict[str, str]:
     detections = tables["detections"]
     tracks = followed(tables["tracks"])
     told = f"{len(detections)}"
-    depth = int(detections["z"].notna().sum())
+    depth = detections["z"].notna().sum()
     if depth:
         told += f", {depth} with depth, {len(tables['tracks'])} not on the wall"
     n = tracks["particle"].nunique()

@@ -70,7 +70,7 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     if not len(known):
         raise InputError("a fitted track has no position with depth in x, y, z.")
     apart = known - fit.exit_point_mm
-    distance = float(np.median(np.linalg.norm(apart, axis=1)))
+    distance = np.median(np.linalg.norm(apart, axis=1))
     gone = -np.median(apart[:, 2])
     across = np.median(np.hypot(*apart[:, :2].T))
     cone = CONE * (gone + DEPTH_SCATTER_MM) + ACROSS_SCATTER_MM

@@ -240,7 +240,7 @@ def _at_border(last: pd.Series, view: FieldOfView) -> bool:
     if view.roi is None:
         return False
     corners = check_finite(view.roi, "flights: view.roi", (None, 2))
-    place = (float(last["row"]), float(last["col"]))
+    place = (last["row"], last["col"])
     inwards = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
     return inwards < EDGE_PX
 

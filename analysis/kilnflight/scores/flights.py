@@ -73,7 +73,7 @@ class Outcome:
         """Return the outcome of flights in its unit, NaN without a value."""
         taken = self.take(values)
         if self.kind == MEDIAN:
-            return float(pd.Series(taken).median())
+            return pd.Series(taken).median()
         if self.kind == SHARE:
             return taken.percent
         return float(taken)
@@ -102,7 +102,7 @@ def remaining(values: FlightValues) -> tuple[Array, Index]:
     distances = scipy.stats.CensoredData(
         uncensored=far[~values.lost], right=far[values.lost]
     )
-    share = 100.0 * np.asarray(scipy.stats.ecdf(distances).sf.evaluate(marks))
+    share = 100.0 * scipy.stats.ecdf(distances).sf.evaluate(marks)
     share[(marks > far.max()) & (share > 0.0)] = np.nan
     return share, counted
 
@@ -125,13 +125,13 @@ def _last_velocity(values: FlightValues) -> Array:
 def _remaining_beyond(metre: int) -> Outcome:
     def take(values: FlightValues) -> Share:
         share, counted = remaining(values)
-        return Share(float(share[metre - 1]), int(counted[metre - 1]))
+        return Share(share[metre - 1], counted[metre - 1])
 
     return Outcome(f"remaining {metre} m", "%", SHARE, take)
 
 
 def _share_of(flags: Flags) -> Share:
-    return Share(100.0 * float(pd.Series(flags).mean()), len(flags))
+    return Share(100.0 * pd.Series(flags).mean(), len(flags))
 
 
 def _of_ignited(when: str, low: float, high: float) -> Outcome:

@@ -67,7 +67,7 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
     number = len(sample)
     if number == 0:
         return Interval(math.nan, -math.inf, math.inf, 0)
-    estimate = float(np.median(sample))
+    estimate = np.median(sample)
     if number < LEAST:
         return Interval(estimate, -math.inf, math.inf, number)
     low, high = scipy.stats.bootstrap(
@@ -79,7 +79,7 @@ def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> In
         method="percentile",
         rng=copy.deepcopy(generator),
     ).confidence_interval
-    return Interval(estimate, float(low), float(high), number)
+    return Interval(estimate, low, high, number)
 
 
 def share(number: int, counted: int) -> Interval:
