@@ -47,12 +47,13 @@ class Table:
         self.name = name
         self.kinds = kinds
         self.names = [*kinds]
-        self.dtypes = {name: _dtype(kind) for name, kind in kinds.items()}
+        self.dtypes = {
+            name: float if kind is GAPS else kind for name, kind in kinds.items()
+        }
 
     def empty(self) -> pd.DataFrame:
         """Return the table without rows, with the right columns and types."""
-        columns = {name: pd.Series(dtype=kind) for name, kind in self.dtypes.items()}
-        return pd.DataFrame(columns)
+        return pd.DataFrame(columns=self.names).astype(self.dtypes)
 
     def check(
         self, table: pd.DataFrame, where: str = "", once: bool = False
@@ -80,11 +81,6 @@ class Table:
                     f"{where}: row {wrong[0]} is there twice, or its frame is below 0."
                 )
         return checked
-
-
-def _dtype(kind: type) -> type:
-    """Return the type of a column's values."""
-    return float if kind is GAPS else kind
 
 
 def _checked(values: pd.Series, kind: type, place: str, limit: dict[str, Any]) -> Any:
