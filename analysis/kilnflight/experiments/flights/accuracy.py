@@ -1,4 +1,4 @@
-"""Errors of measured flights, also with each step of the chain replaced by the truth.
+"""Errors of measured flights beside the truth.
 
 measured flights, true flights -> `compare` -> `errors`: share detected, bias, spread
 """
@@ -7,30 +7,18 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import chain, regression
-from kilnflight.chain import Chain
 from kilnflight.experiments.flights import campaigns
 from kilnflight.experiments.flights.campaigns import Campaign, counted_flights, stack
 from kilnflight.experiments.flights.comparison import median_columns
 from kilnflight.experiments.flights.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
-from kilnflight.regression import Three
 from kilnflight.scores import intervals
-from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.truth import metre_velocities
-from kilnflight.tracking.filter import Gate
-from kilnflight.tracking.tracker import track
-from kilnflight.tracklets import postprocess, tracked
+from kilnflight.tracklets import tracked
 
-Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
-UNLIT_GRAY = 1000.0  # darker than the wall; lit particles are lighter than it
-SCATTER_MM = (6.9, 7.0, 156.9)  # RMSE in x, y, z (Table 5.18), medians over fractions
-WHOLE = "whole chain"
-AXES = ["x", "y", "z"]
 
 
 class FlightTables(NamedTuple):
@@ -194,85 +182,3 @@ def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
     table = shares.reset_index("owner")
     owner = table["owner"].where(table["proportion"] >= 0.5, -1)
     return owner.groupby("particle").max()
-
-
-def replace_steps(
-    campaign: Campaign, tracks: pd.DataFrame, measured: Fits
-) -> Iterator[tuple[str, FlightTables]]:
-    """Yield a name and the flights, with each step in turn replaced by truth.
-
-    This shows where errors come from (notebook 56).
-
-    Parameters
-    ----------
-    campaign
-        A simulated recording.
-    tracks
-        Measured tracks: detections in the air with ``particle``, the track (-1: none).
-    measured
-        Fitted trajectory of each track.
-
-    Yields
-    ------
-    tuple
-        Names are "true positions and links"; "true links" (detections linked by their
-        true particle); "true positions" (linked by the tracker); "true depth" (measured
-        tracks with true x, y, z); "true trajectories" (fitted to true positions);
-        "weighted axes" (measured tracks, axes weighted by 1 / `SCATTER_MM`; no truth);
-        "whole chain" (nothing replaced).
-    """
-    true = campaigns.true_positions(campaign)
-    run = campaign.run
-    positions = true.assign(gray=np.where(true["label"] == 2, FULL_SCALE, UNLIT_GRAY))
-    followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
-    linked, deep = with_truth(tracks, true_particles(tracks, true), true)
-    exact = fit_tracks(run, positions)
-    ours = particle_of_track(tracks, true)
-    replaced = {name: exact[ours[name]] for name in measured if ours[name] in exact}
-    cases = (
-        ("true positions and links", positions, exact),
-        ("true links", linked, fit_tracks(run, linked)),
-        ("true positions", followed, fit_tracks(run, followed)),
-        ("true depth", deep, fit_tracks(run, deep)),
-        ("true trajectories", tracks, measured | replaced),
-        ("weighted axes", tracks, fit_tracks(run, tracks, SCATTER_MM)),
-        (WHOLE, tracks, measured),
-    )
-    for step, table, fits in cases:
-        flights = chain.flights_from(run, table, fits)
-        slices = chain.slices_from(flights, fits)
-        yield step, FlightTables(flights, slices, particle_of_track(table, true))
-
-
-def with_truth(
-    tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return detections linked by true particle, and tracks with true x, y, z.
-
-    ``owner`` (n,) is the true particle of each row of ``tracks``; with -1 (none) x, y,
-    z stay as measured. In the first table x, y, z (mm) become NaN if the depth is off
-    by at least the tracker's gate: such points belong to the background.
-    """
-    linked = tracks.assign(particle=owner)
-    places = linked[["frame", "particle"]].merge(true, "left")[AXES]
-    places.index = tracks.index
-    linked.loc[(tracks["z"] - places["z"]).abs() >= Gate().depth_mm, AXES] = np.nan
-    return linked, tracks.assign(**places.fillna(tracks[AXES]))
-
-
-def fit_tracks(
-    run: Chain, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)
-) -> Fits:
-    """Return the trajectory by track, each axis weighted by one over its scale.
-
-    ``table`` holds tracks with ``frame``, ``particle`` and x, y, z in mm. RMSE, MAPE
-    and R2 of a fit refer to the axes divided by ``scale_mm``; its coefficients are in
-    mm/s^k.
-    """
-    assert run.exit_point_mm is not None  # every campaign of the twin has a lance
-    scaled = table.assign(**(table[AXES] / list(scale_mm)))
-    exit_point = np.divide(run.exit_point_mm, scale_mm)
-    fitted = regression.regress_all(scaled, exit_point, run.frame_rate_hz)
-    for axis, scale in zip(AXES, scale_mm, strict=True):
-        fitted[fitted.filter(regex=f"^(exit|coefficient)_{axis}").columns] *= scale
-    return regression.fits(fitted)
