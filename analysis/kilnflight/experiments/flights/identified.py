@@ -4,8 +4,6 @@ The numbers follow from true paths, true labels and the depth camera's errors, w
 detector and tracker.
 """
 
-from collections.abc import Iterable
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,10 @@ import pandas as pd
 
 from kilnflight.arrays import Array
 from kilnflight.detection.region import inside
-from kilnflight.detection.wall import crossing
 from kilnflight.flight import slices
 from kilnflight.regression import fits, regress_all
-from kilnflight.simulated.kiln.feeding import LABELLED
 from kilnflight.simulated.kiln.laws import LONGEST_S, Law, fly
-from kilnflight.simulated.kiln.scene import Scene, Twin
+from kilnflight.simulated.kiln.scene import Scene
 from kilnflight.tracklets.eliminate import Elimination, regularity
 
 WINDOW = 100  # frames of paper shreds in Table 5.15
@@ -56,10 +52,10 @@ def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.Da
     age = (frames - released[:, None]) / scene.frame_rate_hz
     particle, frame = np.nonzero((age >= 0) & (age < flights.end_s[:, None]))
     position_m = flights.take(particle).position(age[particle, frame])
-    return _in_view(scene, position_m, particle=particle, frame=frame)
+    return in_view(scene, position_m, particle=particle, frame=frame)
 
 
-def _in_view(scene: Scene, position_m: Array, **columns: Any) -> pd.DataFrame:
+def in_view(scene: Scene, position_m: Array, **columns: Any) -> pd.DataFrame:
     """Return the places (n, 3) inside the region of interest, with other columns (n,).
 
     ``position_m`` is in the kiln; ``row``, ``col`` are px, and ``x``, ``y``, ``z`` mm.
@@ -131,45 +127,3 @@ def fit_medians(
     medians = table.filter(regex="^(rmse|r2_[xyz])").median()
     medians["first_m_s"] = sliced.loc[sliced["slice_m"] == 1.0, "velocity_m_s"].median()
     return medians
-
-
-def wall_distances(
-    twins: Iterable[Twin], wall_particle_mm: float, seed: int = 0
-) -> tuple[pd.Series, pd.Series]:
-    """Return the distances from the axis in mm of particles in the air and on the wall.
-
-    They are all within the region of interest of labelled frames, as the depth camera
-    sees them with an own error of ``wall_particle_mm`` on the wall.
-    """
-    every = pd.concat(
-        _seen_distances(twin, t, wall_particle_mm, seed + t)
-        for twin, t in product(twins, LABELLED)
-    )
-    distance = every["distance"]
-    return distance[~every["wall"]], distance[every["wall"]]
-
-
-def _seen_distances(
-    twin: Twin, t: int, wall_particle_mm: float, seed: int
-) -> pd.DataFrame:
-    """Return ``wall`` and ``distance`` (mm) of the particles in one frame."""
-    scene = twin.scene
-    moment = twin.life.at(twin.time_s(t))
-    moment = moment.take(~moment.landed | moment.burning)
-    errors_mm = twin.life.table["fraction"].map(dict(scene.depth.particle_error_mm))
-    flying_mm = errors_mm.to_numpy()[moment.particle]
-    own_mm = np.where(moment.landed, wall_particle_mm, flying_mm)
-    table = _in_view(scene, moment.position_m, wall=moment.landed, own_mm=own_mm)
-    seen = seen_by_camera(table, scene, table["own_mm"], seed)
-    kiln = scene.geometry.to_kiln(seen[["x", "y", "z"]].to_numpy())
-    return seen.assign(distance=1000 * np.hypot(kiln[:, 1], kiln[:, 2]))
-
-
-def wall_share(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
-    """Return the share of wall particles that count as in the air.
-
-    Table 5.13 has 263 of 838. Both arguments are distances from the kiln's axis. The
-    limit is the crossing of their Gaussians plus `BEYOND_CROSSING_MM`.
-    """
-    limit = crossing(in_air_mm, wall_mm) + BEYOND_CROSSING_MM
-    return float((np.asarray(wall_mm) < limit).mean())
