@@ -15,7 +15,6 @@ from kilnflight.publication import claims
 from kilnflight.scores import rates
 from kilnflight.store import paths
 
-AMBIENT_BAR = 1.01325
 COUNTS = ["TP", "FP", "FN"]
 RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
 SUBSETS = ["V1", "V2", "V3", "V4", "V5"]
@@ -221,21 +220,6 @@ def check_durations() -> Iterator[Check]:
         where = f"App. A.1, {row['fraction']} at {row['pressure_bar']} bar"
         check = _check(where, "duration_s", row["printed"], seconds)
         yield check._replace(consequence="no")
-
-
-def lance_bores_apart() -> float:
-    """Compute the gap in mm between two bores of the lance; 0 if they overlap.
-
-    Air flow and outlet velocity are printed at 0.5 and at 5 bar. Each pair gives the
-    bore; as the velocity is rounded to 1 m/s, it gives a range. The flow is taken at
-    the pressure of the feed, which the text does not say, and expands to ambient
-    pressure.
-    """
-    bar, flow_m3_h, velocity_m_s = np.array([[0.5, 5.0], [70.5, 76.6], [4.0, 16.0]])
-    outlet_m3_s = flow_m3_h * (bar / AMBIENT_BAR + 1) / 3600
-    rounded_m_s = velocity_m_s + np.array([[0.5], [-0.5]])
-    low, high = 2000 * np.sqrt(outlet_m3_s / rounded_m_s / np.pi)
-    return max(float(low.max() - high.min()), 0.0)
 
 
 def check_statements(values: Mapping[str, float]) -> Iterator[Check]:
