@@ -33,7 +33,7 @@ from kilnflight.belt.phase import (
     observe_followed,
 )
 from kilnflight.belt.recordings import CAMERA_END_PX, MM_PER_PX, REAL_FRAME_S
-from kilnflight.belt.tracker import Appearance, BeltTracker
+from kilnflight.belt.tracker import Appearance, BeltTracker, Followed
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt import paper_2020, recorded
 from kilnflight.publication import choices, claims, figures, style
@@ -71,10 +71,61 @@ pixels = {
 tables = {
     key: part.assign(**(MM_PER_PX * part[["x", "y"]])) for key, part in pixels.items()
 }
-measured = {
-    name: recorded.join_recordings(
-        part for key, part in tables.items() if key[0] == name
+
+# %% [markdown]
+# Statistics of a material need all its recordings in one table, with tracks of its own
+# in each.
+
+# %%
+PAUSE = 100  # frames between joined recordings, more than between two particles of one
+
+
+def count_frames(tables):
+    """Return the number of frames of each recording, with the pause after it."""
+    return [PAUSE + max(table["frame"], default=0) for table in tables]
+
+
+def join(tables, **counts):
+    """Join tables whose named columns count from 0 in each; -1 (none) stays.
+
+    ``counts`` holds, by column, how far each table counts.
+    """
+    joined = pd.concat(tables, keys=range(len(tables)))
+    table = joined.index.get_level_values(0)
+    for name, each in counts.items():
+        before = np.cumsum([0, *each])[table]
+        joined[name] += before * (joined[name] >= 0)
+    return joined.reset_index(drop=True)
+
+
+# %%
+def join_recordings(recordings):
+    """Join measurements, `PAUSE` frames apart; an empty one adds the pause only."""
+    tables = list(recordings)
+    if not tables:
+        raise InputError("no recording to join; give at least one.")
+    tracks = [1 + max(table["author_track"], default=-1) for table in tables]
+    return join(tables, frame=count_frames(tables), author_track=tracks)
+
+
+def join_followed(parts):
+    """Join the tracks of several recordings to match `join_recordings`.
+
+    ``parts`` holds measurements and tracks of each recording, in the same order.
+    """
+    measured, followed = zip(*parts, strict=True)
+    frames = count_frames(measured)
+    states, ends = zip(*followed, strict=True)
+    tracks = [1 + max(table["particle"], default=-1) for table in ends]
+    rows = list(map(len, measured))
+    return Followed(
+        states=join(states, frame=frames, particle=tracks, row=rows),
+        ends=join(ends, frame=frames, particle=tracks),
     )
+
+
+measured = {
+    name: join_recordings(part for key, part in tables.items() if key[0] == name)
     for name in files
 }
 
@@ -187,7 +238,7 @@ for name, kind in product(measured, filters):
             motion = model((step * per_s, 0.0), **noise)
             tracker = BeltTracker(motion, appearance, REAL_FRAME_S)
             parts.append((table, tracker(table)))
-    followed[name, kind] = recorded.join_followed(parts)
+    followed[name, kind] = join_followed(parts)
     shared[name, kind] = compare_links(measured[name], followed[name, kind])
 
 # %% [markdown]

@@ -16,8 +16,8 @@ from kilnflight.belt.recordings import (
 )
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt import paper_2020
-from kilnflight.experiments.belt.recorded import find_recordings, join_recordings
-from kilnflight.publication import data
+from kilnflight.experiments.belt.recorded import find_recordings
+from kilnflight.publication import data, notebooks
 
 GOOD = (
     "0.40,0.09,nan,nan,nan,nan\n"
@@ -99,6 +99,7 @@ def test_positions_and_the_tracks_of_the_authors(path):
     plain.write_bytes(gzip.decompress(path.read_bytes()))
     assert find_recordings() == {"spheres": [plain]}
     pd.testing.assert_frame_equal(read_recording(plain), table)
+    join_recordings = notebooks.borrow("44_real_belt").join_recordings
     both = join_recordings([table, table])
     assert both["author_track"].tolist() == [0, -1, 0, 1, -1, 1]
     assert both["frame"].iloc[3] - both["frame"].iloc[2] == 100
@@ -128,7 +129,8 @@ def test_a_recording_without_a_measurement_is_empty_and_joins(path, rows):
     empty = read_recording(path)
     assert len(empty) == 0
     pd.testing.assert_series_equal(empty.dtypes, whole.dtypes)
-    both = join_recordings([empty, whole, empty, whole])
+    chapter = notebooks.borrow("44_real_belt")
+    both = chapter.join_recordings([empty, whole, empty, whole])
     apart = (
         both["frame"][len(whole) :].to_numpy() - both["frame"][: len(whole)].to_numpy()
     )
