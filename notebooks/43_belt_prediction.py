@@ -139,8 +139,20 @@ figures.save(
 # its own and may lose its track; then it has no prediction, or a later track gives a
 # second one.
 
+
 # %%
-every = paper_2016.all_deviations(pictured, bodies)
+def all_deviations(pictured, bodies, phase):
+    """Return the deviations of all materials in one table (Fig. 6)."""
+    parts = {}
+    for material, seen in pictured.items():
+        tracks = bodies[material]
+        parts[material, "noise-free"] = paper_2016.noise_free(tracks, phase)
+        parts[material, "images"] = paper_2016.from_images(seen, tracks, phase)
+    names = ["material", "data"]
+    return pd.concat(parts, names=names).reset_index(names)
+
+
+every = all_deviations(pictured, bodies, PHASE_2016)
 boxes = paper_2016.summaries(every, ["material", "data", "approach"], seed)
 boxes.round(3)
 
@@ -304,7 +316,7 @@ figures.save("belt-filters", tried, caption=caption, provenance=origin)
 upstream = PredictionPhase(PHASE_2016.start_mm - 15, PHASE_2016.target_mm - 15)
 follow = paper_2016.tracker_until(upstream.start_mm)
 seen = {"spheres": spheres._replace(followed=follow(spheres.spots, frames))}
-before = paper_2016.all_deviations(seen, {"spheres": bodies["spheres"]}, upstream)
+before = all_deviations(seen, bodies, upstream)
 entered = paper_2020.first_to_enter(bodies["spheres"], first)["particle"]
 early = of_spheres[of_spheres["particle"].isin(entered)]
 compared = []

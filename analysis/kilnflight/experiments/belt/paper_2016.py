@@ -172,24 +172,6 @@ def _of_approaches(
     return pd.concat(tables, ignore_index=True)
 
 
-def all_deviations(
-    pictured: Mapping[str, PictureTracks],
-    bodies: Mapping[str, pd.DataFrame],
-    phase: PredictionPhase = PHASE_2016,
-) -> pd.DataFrame:
-    """Return the deviations of all materials in one table (Fig. 6).
-
-    The first two arguments are by material. To the columns of `noise_free` come
-    ``material`` and ``data`` ("noise-free" or "images").
-    """
-    parts = {}
-    for material, tracks in bodies.items():
-        parts[material, "noise-free"] = noise_free(tracks, phase)
-        parts[material, "images"] = from_images(pictured[material], tracks, phase)
-    names = ["material", "data"]
-    return pd.concat(parts, names=names).reset_index(names)
-
-
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
     """Return the particle nearest to each track, a Series over tracks (IV).
 
@@ -286,8 +268,7 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
     Parameters
     ----------
     table
-        ``lateral_mm``, ``temporal_ms`` and the columns ``groups``, from
-        `all_deviations`.
+        ``lateral_mm``, ``temporal_ms`` and the columns ``groups``.
     groups
         Columns that stay apart.
     seed
