@@ -13,12 +13,11 @@ from typing import Any, NamedTuple, Self, cast
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import chain
-from kilnflight.arrays import Array, Index, Picture
+from kilnflight.arrays import Array, Index, Integers, Picture
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
@@ -117,7 +116,7 @@ class Subset(NamedTuple):
     recording: Recording
     frames: tuple[int, ...]
     particles: pd.DataFrame
-    instances: Callable[[int], npt.NDArray[np.integer]]
+    instances: Callable[[int], Integers]
     background: BackgroundModel
     cache: dict[int, View]
 
@@ -130,7 +129,7 @@ class Subset(NamedTuple):
         """
         shown = {recording.frame(t).index: t for t in frames}
 
-        def marks(number: int) -> tuple[npt.NDArray[np.int32], pd.DataFrame]:
+        def marks(number: int) -> tuple[Integers, pd.DataFrame]:
             labels = recording.frame(shown[number]).labels
             assert labels is not None  # these frames are labelled
             return mark_labels(labels)
@@ -205,7 +204,7 @@ def labelled_subsets(
     return subsets
 
 
-def mark_labels(labels: Picture) -> tuple[npt.NDArray[np.int32], pd.DataFrame]:
+def mark_labels(labels: Picture) -> tuple[Integers, pd.DataFrame]:
     """Return the particle (rows, cols) at each pixel (-1: none), and all particles.
 
     Returns
@@ -326,7 +325,7 @@ def _frame_rows(
     return rows
 
 
-def class_counts(score: FrameScore, labels: npt.NDArray[Any]) -> dict[str, Any]:
+def class_counts(score: FrameScore, labels: Integers) -> dict[str, Any]:
     """Count found and missed particles of each class; ``labels`` (n,) are of all."""
     found = labels[score.pairs[:, 0]]
     missed = labels[score.missed]

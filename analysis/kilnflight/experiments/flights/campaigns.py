@@ -16,11 +16,10 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import chain, regression
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Flags
 from kilnflight.chain import Chain, DetectionRun
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
@@ -383,7 +382,7 @@ def true_positions(campaign: Campaign) -> pd.DataFrame:
     return truth.true_trajectories(twin_of(campaign), campaign.frames)
 
 
-def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
+def whole_flights(campaign: Campaign) -> Flags:
     """Return whether true flights begin and end within the frames, (n,).
 
     The mask (n,) has the order of ``twin_of(campaign).life.flights``.

@@ -12,10 +12,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
+from kilnflight.arrays import Array
 from kilnflight.publication import claims
 from kilnflight.scores import score_tracks
 from kilnflight.scores.intervals import DRAWS, LEAST, percentiles, track_draws
@@ -129,7 +129,7 @@ class Scored(NamedTuple):
     """
 
     measures: dict[str, float]
-    draws: npt.NDArray[np.float64]
+    draws: Array
 
 
 Cells = Mapping[Key, Scored]
@@ -157,7 +157,7 @@ def score_cell(
     return Scored(measures_of(score), draws)
 
 
-def _ends(draws: npt.NDArray[np.float64]) -> tuple[float, float]:
+def _ends(draws: Array) -> tuple[float, float]:
     """Return the ends of an interval, NaN where a cell has too few trajectories."""
     if np.isnan(draws).any():
         return np.nan, np.nan

@@ -11,10 +11,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import tracklets
+from kilnflight.arrays import Whole
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
 from kilnflight.experiments.flights.campaigns import LearnedSettings, flight_frames
@@ -195,9 +195,7 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     return found
 
 
-def true_particles(
-    detections: pd.DataFrame, true: pd.DataFrame
-) -> npt.NDArray[np.int64]:
+def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> Whole:
     """Return the true particle (n,) of each of n detections; -1: none.
 
     In each frame detections and true positions are paired within `GATE_PX` at the least
