@@ -15,8 +15,7 @@ from kilnflight.tracklets.joining import Candidates
 from kilnflight.tracklets.paths import read_paths
 from kilnflight.tracklets.texture import LAWS_EDGE, LAWS_LEVEL, texture_energy
 
-ROWS = 60  # px, of a box for the textures
-COLUMNS = 30  # px, 2 w, w of Table 5.16
+BOX = np.array([60, 30])  # px, rows and columns for the textures; 30 is 2 w, Table 5.16
 SPAN = 11  # frames that such a box sums
 MASKS = {  # Eq. 4.25
     "L": LAWS_LEVEL,
@@ -122,12 +121,11 @@ def _empty_place(
     Only positions in ``frames`` count. The distance is three times the longer side of a
     box.
     """
-    _, rows, cols = window.differences.shape
     now = window.visible[window.visible["frame"].isin(frames)]
     for _ in range(1000):
-        row, col = generator.uniform((ROWS, COLUMNS), (rows - ROWS, cols - COLUMNS))
-        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * ROWS:
-            return float(row), float(col)
+        row, col = generator.uniform(BOX, window.differences.shape[1:] - BOX)
+        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * BOX[0]:
+            return row, col
     raise InputError(f"{window.fraction}: no place without a track in {frames}.")
 
 
@@ -136,10 +134,9 @@ def _summed(window: Window, frames: range, place: tuple[float, float]) -> Array:
 
     At the border the box is moved into the image.
     """
-    _, rows, cols = window.differences.shape
-    top = int(np.clip(round(place[0]) - ROWS // 2, 0, rows - ROWS))
-    left = int(np.clip(round(place[1]) - COLUMNS // 2, 0, cols - COLUMNS))
+    first = np.rint(place).astype(int) - BOX // 2
+    top, left = first.clip(0, window.differences.shape[1:] - BOX)
     box = window.differences[
-        frames.start : frames.stop, top : top + ROWS, left : left + COLUMNS
+        frames.start : frames.stop, top : top + BOX[0], left : left + BOX[1]
     ]
     return box.sum(axis=0, dtype=np.float64)
