@@ -448,7 +448,7 @@ def at_chosen(table: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     table
-        From `score_methods` of ascending thresholds.
+        From `score_methods` of thresholds.
 
     Returns
     -------
@@ -458,14 +458,20 @@ def at_chosen(table: pd.DataFrame) -> pd.DataFrame:
         labels. ``threshold`` (grey values) stands in place of ``method``. ``seconds``
         are NaN, since one call serves all thresholds.
     """
-    table = table.rename(columns={"method": "threshold"})
     best = {}
     for subset in table["subset"].unique():
-        others = sum_counts(table[table["subset"] != subset], ["threshold"])
-        f1 = others.set_index("threshold")["f1"]
-        best[subset] = f1[::-1].idxmax()
-    chosen = table["threshold"] == table["subset"].map(best)
-    return table[chosen].assign(seconds=np.nan)
+        best[subset] = best_threshold(table[table["subset"] != subset])
+    chosen = table[table["method"] == table["subset"].map(best)]
+    return chosen.rename(columns={"method": "threshold"}).assign(seconds=np.nan)
+
+
+def best_threshold(table: pd.DataFrame) -> float:
+    """Return the threshold of the best F1, of equal ones the highest.
+
+    ``table`` is from `score_methods` of thresholds.
+    """
+    ranked = sum_counts(table, ["method"]).sort_values(["f1", "method"])
+    return float(ranked["method"].iloc[-1])
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:

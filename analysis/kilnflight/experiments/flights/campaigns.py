@@ -123,34 +123,21 @@ def settings_from_labels(
 def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """Return `settings_from_labels` as one row, lengths in mm."""
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
-    threshold = _best_threshold(subsets, scale)
-    points = labelled.wall_points(subsets[0])
-    wall = fit_cylinder(points, seed)
+    methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
+    threshold = labelled.best_threshold(labelled.score_methods(subsets, methods))
+    wall = fit_cylinder(labelled.wall_points(subsets[0]), seed)
+    placed = labelled.place_marked(subsets, wall).dropna(subset="z")
+    on_wall = placed["label"] == 4
+    distance = placed["distance_mm"]
+    limit = crossing(distance[~on_wall], distance[on_wall])  # section 5.1.4
     row = {
         "threshold": threshold,
         "centre_mm": wall.centre_mm,
         "direction": wall.direction,
         "radius_mm": wall.radius_mm,
-        "in_air_mm": _air_limit(subsets, wall),
+        "in_air_mm": limit + BEYOND_CROSSING_MM,
     }
     return pd.DataFrame([row])
-
-
-def _best_threshold(subsets: list[labelled.Subset], scale: str) -> float:
-    """Return the threshold of the best F1 on all frames, of equal ones the highest."""
-    methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
-    table = labelled.score_methods(subsets, methods)
-    counts = labelled.sum_counts(table, ["method"])
-    best = counts.loc[counts["f1"] == counts["f1"].max(), "method"]
-    return float(best.max())
-
-
-def _air_limit(subsets: list[labelled.Subset], wall: Cylinder) -> float:
-    """Return the largest distance from the wall's axis in the air, in mm (5.1.4)."""
-    known = labelled.place_marked(subsets, wall).dropna(subset="z")
-    distance = known["distance_mm"].to_numpy()
-    flying = (known["label"] != 4).to_numpy()
-    return crossing(distance[flying], distance[~flying]) + BEYOND_CROSSING_MM
 
 
 class Campaign(NamedTuple):
