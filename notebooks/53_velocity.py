@@ -71,7 +71,7 @@ if len(longest):
     passed = sliced[sliced["reached"]].assign(particle=particle)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
+picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=75)
 if len(longest):
     times = np.linspace(fit.t0, end_s, 60)
     depth, _, _ = plots.upright(straight_on(fit, times) - np.array(fit.exit_point_mm))
@@ -127,7 +127,12 @@ for campaign, ours in accuracy.matched(results):
     parts[campaign.key] = measured[columns].merge(true, "outer")
 pairs = campaigns.stack(parts)
 printed = comparison.printed_numbers()
-picture = plots.draw_velocity_boxes(sources, keys, printed)
+at = printed["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
+bounds = printed.assign(at=at).dropna(subset="at")
+picture = plots.draw_velocity_boxes(sources, keys)
+for axes, key in zip(picture.axes, keys, strict=False):
+    plots.draw_published(axes, campaigns.of_campaign(bounds, key))
+picture.axes[0].legend()
 caption = (
     "Velocity in depth within each metre (Eq. 5.8), after Figs 5.21 to 5.24: true of "
     "all flights, and measured. Orange: published. Numbers: particles that passed the "

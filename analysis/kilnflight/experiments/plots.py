@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from kilnflight.arrays import Array
-from kilnflight.experiments.flights.campaigns import CampaignKey, of_campaign
+from kilnflight.experiments.flights.campaigns import CampaignKey
 from kilnflight.experiments.flights.comparison import Values
 from kilnflight.publication.style import (
     BOXES,
@@ -88,9 +88,7 @@ def _beside(k: int, kinds: int, groups: int) -> Any:
 
 
 def draw_velocity_boxes(
-    sources: Mapping[str, Values],
-    keys: Sequence[CampaignKey],
-    bounds: pd.DataFrame | None = None,
+    sources: Mapping[str, Values], keys: Sequence[CampaignKey]
 ) -> Figure:
     """Draw box plots of the velocity within each metre, after Figs 5.21 to 5.24.
 
@@ -99,10 +97,7 @@ def draw_velocity_boxes(
     sources
         Values of the campaigns by their source, such as "true" and "measured".
     keys
-        Campaigns, a panel each, two in a row.
-    bounds
-        Published bounds in m/s: ``fraction``, ``pressure_bar``, ``outcome`` ("velocity
-        0-1 m (m/s)" ...), ``low``, ``high``; None: not drawn.
+        Campaigns, a panel each, two in a row; 0-1 m is at 0 on the horizontal axis.
     """
     rows = -(-len(keys) // 2)
     picture, grid = canvas(
@@ -115,11 +110,6 @@ def draw_velocity_boxes(
         }
         draw_grouped_boxes(axes, velocities, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
-        if bounds is not None:
-            # the first metre, 0-1 m, is label 0
-            at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
-            known = bounds.assign(at=at).dropna(subset="at")
-            draw_published(axes, of_campaign(known, key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
     grid[0, 0].legend()
