@@ -223,11 +223,11 @@ def mark_labels(labels: Picture) -> tuple[Integers, pd.DataFrame]:
         )
         spot = spots > 0
         image[spot] = spots[spot] - 1 + first
-        number = np.arange(first, first + count - 1)
-        part = {"particle": number, "row": places[1:, 1], "col": places[1:, 0]}
-        parts.append(pd.DataFrame(part).assign(label=kind))
+        part = pd.DataFrame({"row": places[1:, 1], "col": places[1:, 0]})
+        parts.append(part.assign(label=kind))
         first += count - 1
-    return image, pd.concat(parts, ignore_index=True)
+    table = pd.concat(parts, ignore_index=True)
+    return image, table.rename_axis("particle").reset_index()
 
 
 def open_labelled(path: Path) -> list[Subset]:

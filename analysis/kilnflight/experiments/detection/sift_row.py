@@ -47,10 +47,9 @@ def edge_table(
     Returns
     -------
     DataFrame
-        ``edge``, the columns of `with_total` and `beside_published`, ``fp_published``
-        (of ten frames a subset), and ``misfit``: both deviations from print as one
-        length, F1 in hundredths, false detections in standard deviations of their
-        number.
+        ``edge``, the columns of `with_total` and `beside_published`, and ``misfit``:
+        both deviations from print as one length, F1 in hundredths, false detections in
+        standard deviations of their number (print has ten frames a subset).
     """
     parts = []
     for edge in edges:
@@ -60,8 +59,7 @@ def edge_table(
     table = with_total(pd.concat(parts), ["edge", "threshold", "subset"])
     table = beside_published(table, "table_5.6")
     printed = errata.printed_rates("5.6")["FP"].astype(float)
-    table["fp_published"] = table["subset"].map(printed)
-    more = 2 * (np.sqrt(table["fp"]) - np.sqrt(table["fp_published"]))
+    more = 2 * (np.sqrt(table["fp"]) - np.sqrt(table["subset"].map(printed)))
     off = 100 * (table["f1"] - table["f1_published"])
     return table.assign(misfit=np.hypot(off, more))
 

@@ -293,7 +293,7 @@ def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFr
 
 def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
     """Return the rows of a campaign."""
-    return table[(table["fraction"] == key[0]) & (table["pressure_bar"] == key[1])]
+    return table[(table[KEYS] == key).all(axis=1)]
 
 
 def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
