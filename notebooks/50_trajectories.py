@@ -24,6 +24,7 @@ jobs = 2  # processes
 pictures = 0  # frames in each sum of differences; 0: 5, 30 or 300 by scale
 
 # %%
+from functools import partial
 from itertools import pairwise, product
 
 import matplotlib.pyplot as plt
@@ -49,6 +50,7 @@ style.use_style()
 pictures = pictures or {"quick": 5, "standard": 30, "full": 300}[scale]
 parameters = {"scale": scale, "pictures": pictures}
 origin = figures.trace("50_trajectories", parameters, seed=seed)
+save = partial(figures.save, provenance=origin)
 results = campaigns.results(scale, seed, jobs)
 tables = results.tables
 generator = np.random.default_rng(seed)
@@ -97,7 +99,7 @@ caption = (
     "follows; those of them that are impossible (refused), and why; and those of few "
     "points: fewer than 15."
 )
-figures.save("regression-outcomes", outcomes, caption=caption, provenance=origin)
+save("regression-outcomes", outcomes, caption=caption)
 
 # %% [markdown]
 # ## Table 5.18
@@ -125,8 +127,7 @@ caption = (
     "both pressures, after Table 5.18, with 95 % intervals (bootstrap over "
     "trajectories). The RMSE in z is an input of the simulation."
 )
-measures = pd.DataFrame(rows)
-figures.save("table-5-18-regression", measures, caption=caption, provenance=origin)
+save("table-5-18-regression", pd.DataFrame(rows), caption=caption)
 
 # %% [markdown]
 # ## Which orders help
@@ -178,9 +179,7 @@ caption = (
     "Medians of the four measures with the same order along all axes, after Fig. 4.23. "
     "Up to 40 trajectories of each campaign that are long enough for all orders."
 )
-figures.save(
-    "fig-4-23-orders", by_order, picture=picture, caption=caption, provenance=origin
-)
+save("fig-4-23-orders", by_order, picture=picture, caption=caption)
 
 # %%
 accuracy = each_order.groupby([*KEYS, "particle", "order"])["r2_adjusted"].mean()
@@ -194,14 +193,19 @@ caption = (
     "What each order more adds to the adjusted R2 of a trajectory, mean over its axes: "
     "number of trajectories and median with its 95 % interval (bootstrap)."
 )
-figures.save("order-gains", gains.round(5), caption=caption, provenance=origin)
+save("order-gains", gains.round(5), caption=caption)
 
 # %% [markdown]
 # ## Trajectories in space
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 110}
-picture, grid = style.canvas(2, 2, **size, subplot_kw={"projection": "3d"})
+picture, grid = style.canvas(
+    2,
+    2,
+    width_mm=style.PAGE_MM,
+    height_mm=110,
+    subplot_kw={"projection": "3d"},
+)
 picture.set_layout_engine(None)  # else the margins do not apply
 picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
 parts = {}
@@ -220,9 +224,7 @@ caption = (
 )
 columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
 data = campaigns.stack(parts)[columns]
-figures.save(
-    "fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=origin
-)
+save("fig-5-16-trajectories", data, picture=picture, caption=caption)
 
 # %% [markdown]
 # ## Sums of frame differences and tracks
@@ -243,7 +245,6 @@ def sum_differences(campaign):
 
 
 saved = []
-saved_columns = [*KEYS, "particle", "frame", "row", "col"]
 fractions = dict.fromkeys(each.fraction for each in results.campaigns)
 for k, name in enumerate(fractions, start=1):
     chosen = [each for each in results.campaigns if each.fraction == name]
@@ -252,18 +253,25 @@ for k, name in enumerate(fractions, start=1):
     for (above, below), campaign in zip(grid.T, chosen, strict=False):
         panels.draw_stretched(above, sum_differences(campaign), (0.05, 0.999), step=8)
         above.set_title(f"{name}, {campaign.pressure_bar} bar: frame differences")
-        panels.draw_tracks_below(
-            above, below, campaigns.of_campaign(flying, campaign.key)
+        tracks = campaigns.of_campaign(flying, campaign.key)
+        style.draw_tracks(below, tracks)
+        below.set(
+            xlim=above.get_xlim(),
+            ylim=above.get_ylim(),
+            aspect="equal",
+            title=f"{tracks['particle'].nunique()} trajectories from the lance",
+            xlabel="column (px)",
+            ylabel="row (px)",
         )
     caption = (
         f"{name.capitalize()}s at each pressure: sum of the differences of {pictures} "
         f"neighbouring frames, and trajectories from the lance; after Fig. A.{k}."
     )
-    data = flying.loc[flying["fraction"] == name, saved_columns]
+    data = flying.loc[
+        flying["fraction"] == name, [*KEYS, "particle", "frame", "row", "col"]
+    ]
     name = f"fig-a-{k}-tracks"
-    saved.append(
-        figures.save(name, data, picture=picture, caption=caption, provenance=origin)
-    )
+    saved.append(save(name, data, picture=picture, caption=caption))
 saved[0]
 
 # %%
@@ -298,7 +306,7 @@ caption = (
     "alone (F2)."
 )
 data = pd.concat(parts)
-figures.save("possible-trajectories", data, caption=caption, provenance=origin)
+save("possible-trajectories", data, caption=caption)
 
 # %% [markdown]
 # ## Result

@@ -26,14 +26,6 @@ def draw_stretched(
     style.draw_frame(axes, np.clip(light, 0.0, 1.0), step)
 
 
-def draw_tracks_below(above: Axes, below: Axes, tracks: pd.DataFrame) -> None:
-    """Draw tracks in the picture ``below``, with the limits of the one above."""
-    style.draw_tracks(below, tracks)
-    below.set(xlim=above.get_xlim(), ylim=above.get_ylim(), aspect="equal")
-    title = f"{tracks['particle'].nunique()} trajectories from the lance"
-    below.set(title=title, xlabel="column (px)", ylabel="row (px)")
-
-
 def draw_fits(
     axes: Any,
     tracks: pd.DataFrame,
