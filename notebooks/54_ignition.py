@@ -80,6 +80,15 @@ both = accuracy.compare_campaigns(results)
 
 
 # %%
+def before_the_end(tracks, flights):
+    """Return the detections up to the end of each flight, in order of frames.
+
+    Later ones do not count, since the wall ignites all that land (5.1.1).
+    """
+    ended = tracks.merge(flights[["particle", "end_s"]])
+    return ended[ended["time_s"] <= ended["end_s"]].sort_values("frame")
+
+
 def trace_shares(test):
     """Return how many flights light up by a test, one row per campaign."""
     rows = {}
@@ -95,7 +104,7 @@ def trace_shares(test):
         known = campaigns.of_campaign(both, campaign.key)
         known = known.query("track >= 0 and particle >= 0").set_index("track")
         ignites = known["true_ignition_s"].notna()
-        flying = ignition.before_the_end(tracks, flights)
+        flying = before_the_end(tracks, flights)
         outcomes = {
             particle: test(each["time_s"], each["gray"], each["background"]).outcome
             for particle, each in flying.groupby("particle")

@@ -7,12 +7,14 @@ import pytest
 from kilnflight.experiments.flights import ignition
 from kilnflight.experiments.flights.accuracy import errors
 from kilnflight.ignition import Ignition
+from kilnflight.publication import notebooks
 from kilnflight.recording.files import open_any
 
 
 def count(flights, tracks, ignites):
     """Count the flights that ignite, each tested as in notebook 54."""
-    flying = ignition.before_the_end(tracks, flights)
+    chapter = notebooks.borrow("54_ignition")
+    flying = chapter.before_the_end(tracks, flights)
     outcomes = {
         particle: Ignition()(each["time_s"], each["gray"], each["background"]).outcome
         for particle, each in flying.groupby("particle")

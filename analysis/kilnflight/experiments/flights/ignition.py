@@ -16,22 +16,6 @@ from kilnflight.scores import intervals
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
 
 
-def before_the_end(tracks: pd.DataFrame, flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the detections up to the end of each flight, in order of frames.
-
-    Later ones do not count, since the wall ignites all that land (5.1.1).
-
-    Parameters
-    ----------
-    tracks
-        Columns ``particle``, ``frame``, ``time_s``, and others that stay.
-    flights
-        Columns ``particle``, ``end_s`` (s).
-    """
-    ended = tracks.merge(flights[["particle", "end_s"]])
-    return ended[ended["time_s"] <= ended["end_s"]].sort_values("frame")
-
-
 def count_lit(
     flights: pd.DataFrame,
     flying: pd.DataFrame,
@@ -48,8 +32,8 @@ def count_lit(
     flights
         Flights from the lance; column ``particle``.
     flying
-        Their detections `before_the_end`: ``particle``, ``gray``, and ``background``,
-        the grey value of the kiln behind.
+        Their detections up to the end of each flight, in order of frames: ``particle``,
+        ``gray``, and ``background``, the grey value of the kiln behind.
     outcomes
         Outcome of `kilnflight.ignition.Ignition` by particle. A flight without one has
         too few points: all its detections are after its end.
