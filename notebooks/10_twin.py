@@ -88,9 +88,9 @@ put_in.head(12)
 #
 # Flames are round, larger and brighter than unlit particles, and most are overexposed.
 # Wood chips and granules are darker than the wall, papers may be lighter, and the level
-# of each varies by tumbling. Six inputs were fitted by
-# `kilnflight.experiments.detection.light_fit` to Otsu's row of Table 5.5, the recalls
-# of Fig. 5.5 and the radii of Fig. 3.12. No other detector took part.
+# of each varies by tumbling. Six inputs were fitted (identify/light.py) to Otsu's row
+# of Table 5.5, the recalls of Fig. 5.5 and the radii of Fig. 3.12. No other detector
+# took part.
 
 # %%
 seeds = {"quick": [seed], "standard": [seed]}.get(scale, list(light_fit.SEEDS))

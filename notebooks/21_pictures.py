@@ -138,7 +138,7 @@ table["fp_published"] = float(errata.printed_rates("5.6")["FP"]["Total"])
 caption = (
     "Total row of SIFT by r of Eq. 2.28 (edge) and mean grey value of a spot of "
     "clutter, beside Table 5.6; best pair first. Made by "
-    "`kilnflight.experiments.detection.sift_row` on 50 frames."
+    "`identify/sift_row.py` on 50 frames."
 )
 figures.save("sift-edge", table, caption=caption, provenance=origin)
 

@@ -75,9 +75,8 @@ save("table-5-15-windows", counted, caption=caption)
 #
 # Table 5.16 has the values of post-processing, none of the trackers. Both limits of Eq.
 # 4.14 are identified by the eight JSC_theta without post-processing of Table 5.17, so
-# these eight numbers test nothing (`python -m
-# kilnflight.experiments.flights.trackers`). The second table has the misfit of each
-# setting that was tried. All other settings are assumptions.
+# these eight numbers test nothing (identify/tracker_limits.py). The second table has
+# the misfit of each setting that was tried. All other settings are assumptions.
 
 # %%
 save(

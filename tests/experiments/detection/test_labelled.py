@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
+from identify import sift_row
 
 from kilnflight import background, chain
 from kilnflight.detection import DoG, QuasiClusterCenters
 from kilnflight.detection.combination import Combination, second_pass
 from kilnflight.detection.wall import Cylinder
-from kilnflight.experiments.detection import labelled, sift_row, summaries
+from kilnflight.experiments.detection import labelled, summaries
 
 MEDIAN = background.Median(window=20)
 

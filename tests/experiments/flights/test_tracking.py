@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identify import tracker_limits
 
 from kilnflight import tracklets
 from kilnflight.experiments.flights import textures, trackers, tracking
@@ -154,7 +155,7 @@ def test_limits_of_tracks_are_identified_by_raw_jsc_theta(monkeypatch):
             [keys | {"tracker": t, "published": printed} for t in scores.TRACKERS]
         )
         monkeypatch.setattr(scores, "published", lambda table=table: table)
-        found = trackers.identify([window], limits)
+        found = tracker_limits.identify([window], limits)
         assert tuple(found.loc[0, ["visibility", "missed_frames"]]) == best
         np.testing.assert_allclose(found["confetti, GNN"], values)
         both = (found[["confetti, GNN", "confetti, JPDA"]] - printed) ** 2

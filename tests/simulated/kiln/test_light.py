@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from identify import light
 
 from kilnflight.experiments.detection import light_fit
 from kilnflight.simulated.kiln import picture as drawing
@@ -149,8 +150,8 @@ def test_the_fit_of_the_light_counts_compares_and_improves():
         by_class = counts[[f"{count}_{kind}" for kind in (2, 3, 4)]]
         assert by_class.iloc[0].min() >= 0
         assert by_class.iloc[0].sum() == counts[count].iloc[0] > 0
-    optics, off = light_fit.fit(prepared, faint, steps=12)
-    assert off == light_fit.misfit(prepared, optics) < light_fit.misfit(prepared, faint)
+    optics, off = light.fit(prepared, faint, steps=12)
+    assert off == light.misfit(prepared, optics) < light.misfit(prepared, faint)
     assert optics.bodies == faint.bodies  # what is not fitted stays
 
 

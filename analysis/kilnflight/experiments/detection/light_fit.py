@@ -1,11 +1,10 @@
-"""The fit of the simulation's light to what the thesis prints of brightness and size.
+"""The simulation's light beside what the thesis prints of brightness and size.
 
-``python -m kilnflight.experiments.detection.light_fit`` fits for some ten minutes,
-prints the inputs, and compares them with the thesis for three seeds.
-`kilnflight.simulated.kiln.light.Optics` has its result, rounded by hand. It reads
-Otsu's method alone: precision and recall by subset (Table 5.5), recall of burning and
-unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are overexposed
-(section 3.1). The background is the simulation's own without particles.
+It reads Otsu's method alone: precision and recall by subset (Table 5.5), recall of
+burning and unlit particles (section 5.1.3), radii (Fig. 3.12), and flames that are
+overexposed (section 3.1). The background is the simulation's own without particles.
+``identify/light.py`` fits the light to these numbers;
+`kilnflight.simulated.kiln.light.Optics` has its result, rounded by hand.
 """
 
 from collections.abc import Iterable
@@ -15,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize
 
 from kilnflight.arrays import Integers, Single
 from kilnflight.detection import Otsu
@@ -25,12 +23,11 @@ from kilnflight.experiments.detection.labelled import class_counts
 from kilnflight.publication import claims
 from kilnflight.scores import score_detections
 from kilnflight.simulated.kiln import scenes
-from kilnflight.simulated.kiln.feeding import BURNING, LABELLED, ON_WALL, UNLIT
+from kilnflight.simulated.kiln.feeding import BURNING, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.scene import SceneView, Twin
 
-FITTED = ("paper", "paper_spread", "flame", "thick_mm", "gas_mm", "flame_softness")
 SEEDS = (0, 1, 2)
 FRAMES = (80,)  # one is enough: all ten labelled ones show nearly the same particles
 LARGE_PX = 15.0  # "approximately all particles" are smaller (section 3.3)
@@ -47,11 +44,6 @@ TOTALS = {
     "share above 15 px": (0.0, 0.02),
     "share of flames overexposed": (1.0, 0.1),
 }
-# The median unlit particle must not outshine the wall. Bodies are darker than paper and
-# two in five, so that it is the paper below which a sixth of all paper lies.
-LARGEST_UNLIT = 0.9
-SIXTH = -0.967
-
 Prepared = list[tuple[Twin, Single]]
 
 
@@ -167,52 +159,6 @@ def compare(counts: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "subset", "printed", "ours", "sd"])
 
 
-def misfit(prepared: Prepared, optics: Optics) -> float:
-    """Return the sum of squared deviations from print, in units of ``sd``."""
-    unlit = optics.paper * np.exp(SIXTH * optics.paper_spread)
-    if unlit > LARGEST_UNLIT or not 0.1 < optics.flame_softness < 1.0:
-        return 1e6
-    table = compare(count(prepared, optics))
-    return float((((table["ours"] - table["printed"]) / table["sd"]) ** 2).sum())
-
-
-def fit(prepared: Prepared, start: Optics, steps: int) -> tuple[Optics, float]:
-    """Find the light of the least misfit by Nelder and Mead.
-
-    Parameters
-    ----------
-    prepared
-        From `prepare`.
-    start
-        Light from which the search starts; what is not in `FITTED` stays.
-    steps
-        Largest number of evaluations.
-
-    Returns
-    -------
-    light : Optics
-    misfit : float
-    """
-    first = np.array([getattr(start, name) for name in FITTED])
-
-    def light(logarithms: Any) -> Optics:
-        values = (first * np.exp(logarithms)).tolist()
-        return replace(start, **dict(zip(FITTED, values, strict=True)))
-
-    def cost(logarithms: Any) -> float:
-        return misfit(prepared, light(logarithms))
-
-    simplex = 0.15 * np.eye(len(FITTED) + 1, len(FITTED), -1)  # the start is first
-    options: Any = {
-        "maxfev": steps,
-        "initial_simplex": simplex,
-        "xatol": 0.01,
-        "fatol": 0.5,
-    }
-    best = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    return light(best.x), float(best.fun)
-
-
 def report(counts: pd.DataFrame) -> pd.DataFrame:
     """Compare counts with print seed by seed.
 
@@ -225,16 +171,3 @@ def report(counts: pd.DataFrame) -> pd.DataFrame:
     for seed, one in counts.groupby("seed"):
         table[f"seed_{seed}"] = compare(one)["ours"]
     return table
-
-
-def main() -> None:
-    """Fit the light, and compare it with print on all labelled frames."""
-    prepared = prepare(SEEDS)
-    optics, off = fit(prepared, Optics(), steps=150)
-    fitted = {name: round(getattr(optics, name), 3) for name in FITTED}
-    print(f"misfit {off:.1f}: {fitted}")
-    print(report(count(prepared, optics, LABELLED)).round(3).to_string())
-
-
-if __name__ == "__main__":
-    main()

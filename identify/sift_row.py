@@ -3,7 +3,7 @@
 Neither is printed. Both change the F1 of SIFT and its false detections, and these two
 numbers identify them; so the row tests nothing.
 
-    python -m kilnflight.experiments.detection.sift_row
+    python -m identify.sift_row
 
 tries all `EDGES` and `CLUTTER` on the 50 labelled frames, in half an hour, and writes
 data/reference/sift_row.csv, the best first.
