@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight.arrays import Integers
 from kilnflight.checks import printable
 from kilnflight.film.spreading import followed
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
 from kilnflight.recording.files import FileRecording
-from kilnflight.recording.frames import Frame
+from kilnflight.recording.frames import LABELS, Attributes, Frame
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 
@@ -37,7 +38,27 @@ def _facts(frame: Frame) -> dict[str, Any]:
         "nearest_mm": z.min(initial=np.inf),
         "farthest_mm": z.max(initial=-np.inf),
         "labelled": frame.labels is not None,
+        "classes": _pixels_by_class(frame),
     }
+
+
+def _pixels_by_class(frame: Frame) -> Integers:
+    """Return the number of pixels of each class of Table 5.1; 0 without labels."""
+    if frame.labels is None:
+        return np.zeros(len(LABELS), np.intp)
+    return np.bincount(frame.labels.ravel(), minlength=len(LABELS))
+
+
+def _labelled(attributes: Attributes, pixels: Integers) -> Rows:
+    """Return what labels show, and what decides which of them count."""
+    shares = 100 * pixels / pixels.sum()
+    told = [f"{name} {share:.2g} %" for name, share in zip(LABELS, shares, strict=True)]
+    region = "none: particles count everywhere"
+    if attributes.roi is not None:
+        first, last = np.ptp(attributes.roi, axis=0)
+        region = f"{first:.0f} rows, {last:.0f} columns"
+    burner = attributes.flame_roi or "none: its flame is searched, too"
+    return [("classes", ", ".join(told)), ("roi", region), ("flame_roi", f"{burner}")]
 
 
 def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
@@ -57,6 +78,8 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
         ("points", told),
         ("labels", f"of {each['labelled'].sum()} frames"),
     ]
+    if each["labelled"].any():
+        rows += _labelled(attributes, np.sum(each["classes"].to_list(), axis=0))
     saturated = 100 * each["saturated"][each["brightest"] == top].sum() / len(each)
     if top & (top + 1) == 0 and saturated > 0.1:  # all bits of the largest are 1
         told = f"{saturated:.2f} % of the pixels are {top}: saturated?"

@@ -194,8 +194,8 @@ def main(arguments: Sequence[str]) -> int:
             told += ", and the labelled frames: kilnflight import drafts their manifest"
     except OSError:
         told = (
-            f"{name} cannot be fetched. Our own simulation stands in; or set "
-            f"{FOLDERS[0]}."
+            f"{name} cannot be fetched. Our own simulation of the belt stands in; or "
+            f"set {FOLDERS[0]}."
         )
         code = int("--optional" not in arguments)
     except ValueError as error:

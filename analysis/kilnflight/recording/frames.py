@@ -136,10 +136,14 @@ class Attributes:
         if self.lance_mm is not None:
             check_finite(self.lance_mm, f"{where}, lance_mm", (3,))
         named = isinstance(self.name, str) and self.name.strip()
-        if not (named and self._roi_fits(where) and self._flame_roi_fits(where)):
-            raise InputError(
-                f"{where}: name, roi or flame_roi cannot be used ({self.size} px)."
-            )
+        fits = {"name": named, "roi": self._roi_fits(where)}
+        fits["flame_roi"] = self._flame_roi_fits(where)
+        for key, usable in fits.items():
+            if not usable:
+                raise InputError(
+                    f"{where}: {key} cannot be used: {getattr(self, key)!r:.80} in a "
+                    f"picture of {self.size} px; rows come first."
+                )
 
     def _roi_fits(self, where: str) -> bool:
         if self.roi is None:

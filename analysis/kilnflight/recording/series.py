@@ -81,7 +81,7 @@ class Series:
     def told(self) -> str:
         """Return what it holds, in one line."""
         if not self.first.size:
-            return f"{self.pattern}: {len(self.files)} files, not read: {self.form}"
+            return f"{self.pattern}: no numbers; look yourself ({self.form})"
         values = "no numbers"
         known = np.empty(0)
         if self.first.dtype.kind in "buif":

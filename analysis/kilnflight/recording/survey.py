@@ -63,9 +63,10 @@ def draft(folder: Path) -> tuple[list[str], str]:
     lines = [
         f'name = "{folder.name}"',
         "frame_rate_hz = 330.0  # ? the camera's; chapter 5.1 does not need it",
-        'depth_calibration = "zhang-2023"  # ? as captured; "none" if depths are true',
-        "# roi = [[0, 200], ...]  # ? corners row, col of the region, counted from 0",
-        "# flame_roi = [900, 1200, 850, 1150]  # ? burner: rows 900 to 1199, cols ...",
+        'depth_calibration = "zhang-2023"  # ? if as captured; "none" if already true',
+        "# roi = [[0, 200], ...]  # ? corners of the region: row, col, counted from 0",
+        "# flame_roi = [900, 1200, 850, 1150]  # ? burner: rows 900 to 1199, columns "
+        "850 to 1149, counted from 0",
     ]
     gray = np.asarray(chosen["gray"].first, np.float64)
     subsets = _subsets(chosen["gray"], folder)
@@ -148,7 +149,7 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     if form == "points":
         lines.append(_origin_line(array[:, :2], size, order))
     elif form == "indexed":
-        lines.append("origin = 1  # MATLAB counts from 1")
+        lines.append("origin = 1  # MATLAB counts from 1, down the columns")
     return lines
 
 
@@ -272,7 +273,7 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     """Return the lines of a manifest on labels, by those of the first file."""
     lines = [f'form = "{series.form}"']
     size = gray.shape[:2]
-    asked = "# ? ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
+    asked = "# ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
     if series.form == "masks":
         words = ", ".join(f"{word} = " for word in series.words)
         return [*lines, asked, f"# ? classes = {{ {words} }}  # theirs = ours"]
