@@ -42,7 +42,7 @@ tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("11_ground_truth", setting, seed=seed, inputs=tables)
 names = list(labelled.SUBSETS[scale])
-twins = {name: scenes.cached_scene(name, seed) for name in names}
+twins = {name: scenes.open_scene(name, seed) for name in names}
 
 # %% [markdown]
 # ## Counts by class (Tables 5.2 and 5.3)

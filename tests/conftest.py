@@ -211,19 +211,8 @@ def constant_acceleration() -> pd.DataFrame:
 
 @pytest.fixture(scope="session")
 def kept_scene():
-    """A function that gives a scene by name; its flights are made once, or are there
-    already.
-
-    They are kept where a run of the notebooks keeps them, under the hash of scene and
-    code.
-    """
-
-    def kept(name):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("KILNFLIGHT_DERIVED", str(PROJECT / "data" / "derived"))
-            return scenes.cached_scene(name)
-
-    return cache(kept)
+    """A function that gives a scene by name; its flights are made once."""
+    return cache(scenes.open_scene)
 
 
 @dataclass

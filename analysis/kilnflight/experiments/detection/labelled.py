@@ -199,7 +199,7 @@ def labelled_subsets(
     labelled = tuple(LABELLED[first : first + count])
     subsets = []
     for name in SUBSETS[scale]:
-        twin = scenes.cached_scene(scenes.scene_name(name, scenario), seed)
+        twin = scenes.open_scene(scenes.scene_name(name, scenario), seed)
         subsets.append(Subset.of(twin, labelled, BACKGROUNDS[scale]))
     return subsets
 

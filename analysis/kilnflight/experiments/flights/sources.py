@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from kilnflight.simulated.kiln.scene import Twin
-from kilnflight.simulated.kiln.scenes import cached_scene
+from kilnflight.simulated.kiln.scenes import open_scene
 
 
 @dataclass(frozen=True)
@@ -19,4 +19,4 @@ class TwinSource:
         return _scene(self.name, self.seed)
 
 
-_scene = lru_cache(maxsize=2)(cached_scene)  # the flights of a scene take seconds
+_scene = lru_cache(maxsize=2)(open_scene)  # a scene takes a second

@@ -319,13 +319,7 @@ class LensWall:
     scale_mm: Single  # (n,) standard deviation of the error
 
     @classmethod
-    def of(
-        cls,
-        camera: LensCamera,
-        background: Background,
-        bias: Single,
-        index: Index | None = None,
-    ) -> LensWall:
+    def of(cls, camera: LensCamera, background: Background, bias: Single) -> LensWall:
         """Return the wall of a scene.
 
         Parameters
@@ -334,9 +328,6 @@ class LensWall:
             Of the scene.
         bias
             The error of the calibration (`LensCamera.calibration`).
-        index
-            The pixels that can have depth; None: they are chosen by their contrast,
-            which takes a second.
         """
         level = background.level
         rows, columns = level.shape
@@ -345,8 +336,7 @@ class LensWall:
         variance, mean = measure_contrast(level, lattice, np.inf, everywhere)
         over_noise = np.sqrt(variance) / background.optics.noise(mean)
         contrast = over_noise.astype(np.float32)
-        if index is None:
-            index = _choose_textured(contrast, lattice, camera, background)
+        index = _choose_textured(contrast, lattice, camera, background)
         centre = lattice.centres()
         at_lens = contrast.take(centre)
         changing = np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)

@@ -115,25 +115,6 @@ class Twin:
     def _wall(self) -> LensWall:
         return LensWall.of(self.scene.depth, self._background, self._calibration)
 
-    def still(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays that take seconds and are the same in each frame."""
-        background = self._background
-        return {
-            "level": background.level,
-            "solid_mm": background.solid_mm,
-            "depth_mm": background.depth_mm,
-            "index": self._wall.index,
-        }
-
-    def recall(self, still: dict[str, npt.NDArray[Any]]) -> None:
-        """Take the arrays of `still` from an earlier run of the same scene."""
-        index = still.pop("index")
-        background = self._background
-        background.__dict__.update(still)
-        self.__dict__["_wall"] = LensWall.of(
-            self.scene.depth, background, self._calibration, index
-        )
-
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
         return t / self.scene.frame_rate_hz

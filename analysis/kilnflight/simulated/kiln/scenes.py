@@ -6,12 +6,9 @@ fed particles is not: that of the campaigns follows from the trajectories in the
 of Table 5.15.
 """
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +19,6 @@ from kilnflight.simulated.kiln.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.scene import Scene, Twin
-from kilnflight.store import paths
-from kilnflight.store.cache import code_hash, locked, make_whole
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
@@ -284,34 +279,3 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     for scenario in scenarios:
         scene = SCENARIOS[scenario](scene)
     return Twin(replace(scene, name=scene_name(plain, joined or "base")))
-
-
-def cached_scene(name: str, seed: int | None = None) -> Twin:
-    """Open the recording of a scene as `open_scene` does, sooner.
-
-    Wall and pixels with depth depend on the scene alone and take seconds. They are kept
-    in data/derived, under the hash of the scene and of the twin's code. Frames are the
-    same to the bit.
-
-    Raises
-    ------
-    InputError
-        As `open_scene`, or if the kept file cannot be read.
-    """
-    twin = open_scene(name, seed)
-    if name.partition("@")[2] not in ("", "small"):  # others are used once
-        return twin
-    text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
-    number = hashlib.sha256(text.encode()).hexdigest()[:12]
-    path = paths.derived() / f"scene-{number}.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with locked(path.with_suffix(".lock")):
-        if not path.is_file():
-            still: Any = twin.still()
-            make_whole(path, lambda part: np.savez(part, **still))
-    try:
-        with np.load(path) as kept:  # loads no objects: a file cannot run code
-            twin.recall(dict(kept))
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read ({error}). Delete it.") from error
-    return twin
