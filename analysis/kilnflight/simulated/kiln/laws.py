@@ -53,7 +53,7 @@ class Law:
     spread
         Standard deviation of its logarithm.
     slope
-        Mean of k in 1/s.
+        Mean of k in 1/s, not 0.
     rise, rise_sd
         Mean and standard deviation of u in m/s.
     aside_sd
@@ -192,7 +192,7 @@ class Flights(NamedTuple):
     """Flights of n particles; arrays (n,)."""
 
     v0: Array  # m/s
-    k: Array  # 1/s
+    k: Array  # 1/s, not 0
     u: Array  # m/s
     w: Array  # m/s
     tau: Array  # s
@@ -212,8 +212,7 @@ class Flights(NamedTuple):
 
     def along(self, t: Array) -> Array:
         """Return s in m at times t (..., n)."""
-        k = np.where(self.k == 0, 1e-9, self.k)
-        return self.v0 * np.expm1(k * t) / k
+        return self.v0 * np.expm1(self.k * t) / self.k
 
     def position(self, t: Array) -> Array:
         """Return s, y, z (..., n, 3) in m at times t (..., n)."""
@@ -240,7 +239,7 @@ class Flights(NamedTuple):
 
         NaN means never.
         """
-        k = np.where(self.k == 0, 1e-9, self.k)[:, None]
+        k = self.k[:, None]
         with np.errstate(invalid="ignore", divide="ignore"):  # some come to rest before
             times = np.log1p(k * np.array(MARKS_M) / self.v0[:, None]) / k
         return np.where(times <= self.end_s[:, None], times, np.nan)
@@ -313,18 +312,10 @@ def _draw_paths(
 
 def _end(flights: Flights, geometry: Geometry) -> Flights:
     """Return flights with the time and kind of their end."""
-    steps = np.arange(round(LONGEST_S / GRID_S) + 1)[:, None]
-    aloft = np.arange(len(flights.v0))
-    wall = np.full((len(steps), len(aloft)), -np.inf)
-    outlet = wall.copy()
-    for some in np.array_split(steps, 20):  # most particles land early
-        position = flights.take(aloft).position(GRID_S * some + np.zeros(len(aloft)))
-        s, y, z = np.moveaxis(position, -1, 0)
-        wall[some, aloft] = np.hypot(y, z) - geometry.kiln_radius_mm / 1000.0
-        outlet[some, aloft] = s - geometry.outlet_m
-        aloft = aloft[(wall[some[-1], aloft] < 0) & (outlet[some[-1], aloft] < 0)]
-    landed_s = _first_time(wall)
-    left_s = _first_time(outlet)
+    times = GRID_S * np.arange(round(LONGEST_S / GRID_S) + 1.0)
+    s, y, z = np.moveaxis(flights.position(times[:, None]), -1, 0)
+    landed_s = _first_time(np.hypot(y, z) - geometry.kiln_radius_mm / 1000.0)
+    left_s = _first_time(s - geometry.outlet_m)
     end_s = np.minimum(np.minimum(landed_s, left_s), LONGEST_S)
     end = np.where(landed_s <= left_s, LANDED, LEFT)
     return flights._replace(end_s=end_s, end=np.where(end_s < LONGEST_S, end, FLYING))
