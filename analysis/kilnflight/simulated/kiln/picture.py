@@ -1,17 +1,16 @@
 """The look of particles: tumbling ellipsoids, unlit or with a flame.
 
 All particles of a frame are drawn together. The pixels of every particle's box stand in
-one long array, so that nothing loops over particles or pixels.
+one long array, so that nothing loops over particles.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
+from numba import njit
 
 from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.simulated.kiln.fuel import are_sheets
@@ -278,32 +277,23 @@ def _draw_over(picture: Single, blobs: Blobs, pixels: Pixels) -> tuple[Single, S
     share *= at_pixels(blobs.dilution / (1 - last))
     covered = share * at_pixels(1 - blobs.passes)
     added = share * at_pixels(blobs.brightness)
-    flat = picture.reshape(-1)
-    behind = np.empty_like(share)
-    change = np.empty_like(share)
-    for layer in _layers(pixels.place, flat.size):
-        place = pixels.place.take(layer)
-        there = flat.take(place)
-        changes = added.take(layer) - covered.take(layer) * there
-        behind[layer] = there
-        change[layer] = changes
-        flat[place] = there + changes
-    return behind, change
+    behind = _lay_over(picture.reshape(-1), pixels.place, added, covered)
+    return behind, added - covered * behind
 
 
-def _layers(place: Index, size: int) -> Iterator[npt.NDArray[np.int32]]:
-    """Yield the pixels of the farthest blob of each place, then the next, and so on.
+@njit(cache=True)
+def _lay_over(picture: Any, place: Any, added: Any, covered: Any) -> Any:
+    """Draw pixels at places (k,) into a picture, in place, one after the other.
 
-    No place is twice in a layer.
+    All are float32. Each hides a share of what is there, which is returned (k,), and
+    adds its own. It is compiled as a place may come several times.
     """
-    rest = np.arange(len(place), dtype=np.int32)
-    first = np.empty(size, dtype=np.int32)
-    while len(rest):
-        there = place.take(rest)
-        first[there[::-1]] = rest[::-1]  # the last one assigned stays
-        farthest = first.take(there) == rest
-        yield rest[farthest]
-        rest = rest[~farthest]
+    behind = np.empty_like(added)
+    for k in range(len(place)):
+        there = picture[place[k]]
+        behind[k] = there
+        picture[place[k]] = there + (added[k] - covered[k] * there)
+    return behind
 
 
 class SceneView(NamedTuple):
