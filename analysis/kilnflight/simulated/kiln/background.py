@@ -7,7 +7,6 @@ inside the kiln, with a flame that is exceptionally bright (section 3.1). All el
 assumed.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -19,7 +18,6 @@ from kilnflight.arrays import Array, Index, Single
 from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, meet_tube
 from kilnflight.simulated.kiln.light import Optics
 
-ROWS = 8  # rays of so many rows at once fit the cache
 FULL_COLUMNS = 2048  # columns of the full camera, for which sizes in px are
 # Cells around and along the wall of each scale of its texture, and its weight
 TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
@@ -85,45 +83,36 @@ class Interior:
     )
 
 
-def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Index, Index]]:
-    """Yield `ROWS` rows of the picture at a time, with row and column of pixels."""
-    column = np.arange(geometry.columns)
-    for first in range(0, geometry.rows, ROWS):
-        last = min(first + ROWS, geometry.rows)
-        yield slice(first, last), np.arange(first, last)[:, None], column
-
-
 def _see_tube(
     geometry: Geometry,
     mouth_m: Array,
-    radii_mm: tuple[float, float],
-    row: Index,
-    column: Index,
+    radius_mm: float,
+    bore_mm: float,
+    pixels: tuple[Index, ...],
 ) -> tuple[Array, Array]:
-    """Return depth in mm and level over the wall's of a tube at pixels.
+    """Return depth in mm and level over the wall's of a tube at pixels (row, column).
 
     The tube lies along the kiln's axis from the inlet to its mouth (3,), with an outer
-    radius and a bore. The camera sees the mouth, and the side that is turned to it.
-    Depth is infinite beside it.
+    radius and that of its bore in mm. The camera sees the mouth, and the side that is
+    turned to it. Depth is infinite beside it.
     """
-    camera_mm, ray = geometry.rays(row, column)
+    camera_mm, ray = geometry.rays(*pixels)
     start = camera_mm - 1000.0 * mouth_m
-    radius, bore = radii_mm
     with np.errstate(divide="ignore", invalid="ignore"):
         mouth = -start[0] / ray[..., 0]
-        a, b, root = meet_tube(start, ray, radius)
+        a, b, root = meet_tube(start, ray, radius_mm)
         side = (-b - root) / a
     from_centre = np.hypot(
         start[1] + mouth * ray[..., 1], start[2] + mouth * ray[..., 2]
     )
     along = start[0] + side * ray[..., 0]
     inlet = 1000.0 * (geometry.inlet_m - mouth_m[0])
-    on_mouth = from_centre <= radius
+    on_mouth = from_centre <= radius_mm
     on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
     depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
     # The side is the darker, the less it faces the camera.
-    facing = np.nan_to_num(root / np.sqrt(a) / radius)
-    rim = np.where(from_centre <= bore, COLD, STEEL)
+    facing = np.nan_to_num(root / np.sqrt(a) / radius_mm)
+    rim = np.where(from_centre <= bore_mm, COLD, STEEL)
     return depth, np.where(on_mouth, rim, STEEL * (0.45 + 0.4 * facing))
 
 
@@ -132,7 +121,7 @@ class Still(NamedTuple):
 
     wall_mm: Array  # depth of wall or inlet plate
     tube_mm: Array  # depth of lance and burner; infinite where neither is
-    shade: Array  # level of lance and burner over the wall's
+    shade: Array  # level of lance and burner over the wall's, where one is
 
 
 @lru_cache(maxsize=1)  # most scenes of a process share the kiln and the burner
@@ -142,20 +131,15 @@ def _see_kiln(geometry: Geometry, nozzle_m: tuple[float, ...]) -> Still:
     They are kept for the next scene, so a caller must not change them. ``nozzle_m`` is
     the burner's mouth in kiln coordinates.
     """
-    shape = (geometry.rows, geometry.columns)
-    still = Still(np.empty(shape), np.full(shape, np.inf), np.zeros(shape))
-    tubes = (
-        (geometry.lance_m, (LANCE_MM, BORE_MM)),
-        (np.array(nozzle_m), (TUBE_MM, NOZZLE_MM)),
+    pixels = np.ogrid[: geometry.rows, : geometry.columns]
+    lance_mm, lance = _see_tube(geometry, geometry.lance_m, LANCE_MM, BORE_MM, pixels)
+    mouth_m = np.array(nozzle_m)
+    burner_mm, burner = _see_tube(geometry, mouth_m, TUBE_MM, NOZZLE_MM, pixels)
+    return Still(
+        wall_mm=geometry.wall_depth(*pixels),
+        tube_mm=np.minimum(lance_mm, burner_mm),
+        shade=np.where(burner_mm < lance_mm, burner, lance),
     )
-    for rows, row, column in _blocks(geometry):
-        still.wall_mm[rows] = geometry.wall_depth(row, column)
-        nearest = still.tube_mm[rows]  # a view: it is changed in place
-        for mouth_m, radii in tubes:
-            tube_mm, shade = _see_tube(geometry, mouth_m, radii, row, column)
-            np.copyto(still.shade[rows], shade, where=tube_mm < nearest)
-            np.minimum(tube_mm, nearest, out=nearest)
-    return still
 
 
 @lru_cache(maxsize=1)
@@ -254,13 +238,12 @@ class Background:
         """Grey values (rows, columns) of wall, plate and tubes, without flicker."""
         geometry = self.geometry
         wall_mm, tube_mm, shade = self._still
-        level = np.empty(wall_mm.shape)
-        for rows, row, column in _blocks(geometry):
-            point = geometry.to_kiln(geometry.unproject(row, column, wall_mm[rows]))
-            s, y, z = np.moveaxis(point, -1, 0)
-            around = np.arctan2(z, y) / (2 * np.pi) + 0.5
-            wall = np.exp(TEXTURE_SD * self._texture(around, s / 8.4 + 0.4))
-            level[rows] = np.where(s <= geometry.inlet_m + 0.01, PLATE, wall)
+        row, column = np.ogrid[: geometry.rows, : geometry.columns]
+        point = geometry.to_kiln(geometry.unproject(row, column, wall_mm))
+        s, y, z = np.moveaxis(point, -1, 0)
+        around = np.arctan2(z, y) / (2 * np.pi) + 0.5
+        wall = np.exp(TEXTURE_SD * self._texture(around, s / 8.4 + 0.4))
+        level = np.where(s <= geometry.inlet_m + 0.01, PLATE, wall)
         level = np.where(tube_mm < wall_mm, shade, level) * self.optics.at_wall
         down = np.linspace(-1, 1, geometry.rows)[:, None]
         over = 4 / 3 * np.linspace(-1, 1, geometry.columns)
@@ -284,11 +267,7 @@ class Background:
         moves = 1 + np.array([0.035, 0.035, 0.08]) * sines
         length, width = np.array(FLAME_PX) * moves[:2] * self._scale
         ahead = direction * length / 2
-        # Farther out it adds less than 32 bits resolve at grey values above 64.
-        reach = (1 + 6 * FLAME_EDGE) * np.hypot(ahead, direction[::-1] * width / 2)
-        first = np.maximum(nozzle + ahead - reach, (top, left)).astype(int)
-        last = np.minimum(nozzle + ahead + reach + 2, (bottom, right)).astype(int)
-        box = np.s_[first[0] : last[0], first[1] : last[1]]
+        box = np.s_[top:bottom, left:right]
         row, column = np.ogrid[box]
         row = row - nozzle[0] - ahead[0]
         column = column - nozzle[1] - ahead[1]
