@@ -99,7 +99,7 @@ def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contra
     camera, interior = LensCamera(), Interior()
     background = Background(Geometry(), Optics(), interior, 23)
     bias = camera.calibration(1536, 2048, 0)
-    wall = LensWall.of(camera, background, bias)
+    wall = LensWall(camera, background, bias)
     assert len(wall.index) == int(camera.wall_points / camera.kept_per_frame)
     assert (np.diff(wall.index) > 0).all()
 

@@ -149,17 +149,12 @@ class LensCamera:
 
 @lru_cache(maxsize=1)
 def _tabulate_captured() -> tuple[Array, Array]:
-    """Return true depths, ascending, and the captured ones; lines between them."""
-    step = 10.0
+    """Return true depths, ascending up to 15 m, and the captured ones."""
     # The second segment of the equation begins here.
     jump = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))
-    true = np.append(np.arange(step, 15_000.0, step), [jump - 1e-6, jump])
+    true = np.append(np.arange(10.0, 15_000.0, 10.0), [jump - 1e-6, jump])
     true.sort()
-    captured = invert_depth(true)
-    slope = float(captured[-1] - captured[-2]) / step
-    return np.append(true, true[-1] + 1e5), np.append(
-        captured, captured[-1] + slope * 1e5
-    )
+    return true, invert_depth(true)
 
 
 class Lattice(NamedTuple):
@@ -301,63 +296,46 @@ class Sight(NamedTuple):
     pixels: Index  # pixels that have a particle's depth
 
 
-@dataclass(frozen=True)
 class LensWall:
-    """The kiln without particles as the lenses see it: constant in a scene."""
+    """The kiln without particles as the lenses see it: constant in a scene.
 
-    camera: LensCamera
-    lattice: Lattice
-    background: Background
-    bias: Single  # (rows, columns) of the calibration, over the `LensCamera.wall_scale`
-    variance: Single  # contrast of blocks
-    centre: Index  # (lenses,) the block in the middle of each
-    changing: Single  # (lenses,) standard deviation of their own error, likewise
-    index: Index  # (n,) pixels of the wall that can have depth
-    lens: Index  # (4, n) lenses around each of them
-    weight: Single  # (4, n)
-    level_mm: Single  # (n,) depth with the bias of the calibration
-    scale_mm: Single  # (n,) standard deviation of the error
+    Parameters
+    ----------
+    camera, background
+        Of the scene.
+    bias
+        Error of the calibration (`LensCamera.calibration`), (rows, columns), over the
+        `LensCamera.wall_scale`.
+    """
 
-    @classmethod
-    def of(cls, camera: LensCamera, background: Background, bias: Single) -> LensWall:
-        """Return the wall of a scene.
-
-        Parameters
-        ----------
-        camera, background
-            Of the scene.
-        bias
-            The error of the calibration (`LensCamera.calibration`).
-        """
+    def __init__(
+        self, camera: LensCamera, background: Background, bias: Single
+    ) -> None:
+        self.camera = camera
+        self.background = background
+        self.bias = bias
         level = background.level
         rows, columns = level.shape
-        lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
-        everywhere = np.ones(lattice.blocks, np.bool_)
-        variance, mean = measure_contrast(level, lattice, np.inf, everywhere)
-        over_noise = np.sqrt(variance) / background.optics.noise(mean)
+        self.lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
+        everywhere = np.ones(self.lattice.blocks, np.bool_)
+        # Variance of grey values by block.
+        self.variance, mean = measure_contrast(level, self.lattice, np.inf, everywhere)
+        over_noise = np.sqrt(self.variance) / background.optics.noise(mean)
         contrast = over_noise.astype(np.float32)
-        index = _choose_textured(contrast, lattice, camera, background)
-        centre = lattice.centres()
-        at_lens = contrast.take(centre)
+        # (lenses,) The block in the middle of each.
+        self.centre = self.lattice.centres()
+        at_lens = contrast.take(self.centre)
         changing = np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)
         changing *= np.sqrt(camera.changing)
-        lens, weight = lattice.between(index)
-        depth = background.depth_mm.take(index)
-        scale = camera.wall_scale(depth).astype(np.float32)
-        return cls(
-            camera=camera,
-            lattice=lattice,
-            background=background,
-            bias=bias,
-            variance=variance,
-            centre=centre,
-            changing=changing.astype(np.float32),
-            index=index,
-            lens=lens,
-            weight=weight,
-            level_mm=depth + bias.take(index) * scale,
-            scale_mm=scale,
-        )
+        # (lenses,) Standard deviation of their own error, over the wall's scale.
+        self.changing: Single = changing.astype(np.float32)
+        # (n,) Pixels of the wall that can have depth; (4, n) the lenses around each.
+        self.index = _choose_textured(contrast, self.lattice, camera, background)
+        self.lens, self.weight = self.lattice.between(self.index)
+        depth = background.depth_mm.take(self.index)
+        # (n,) Standard deviation of their error, and depth with the calibration's.
+        self.scale_mm = camera.wall_scale(depth).astype(np.float32)
+        self.level_mm = depth + bias.take(self.index) * self.scale_mm
 
     def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Single]:
         """Return pixels (n,) and depths in mm (n,) of the points of a frame.
@@ -495,10 +473,7 @@ class LensWall:
 
 def _interpolate(values: Single, lens: Index, weight: Single) -> Single:
     """Return values of lenses between four of them each."""
-    total = weight[0] * values.take(lens[0])
-    for of_lens, of_weight in zip(lens[1:], weight[1:], strict=True):
-        total += of_weight * values.take(of_lens)
-    return total
+    return (weight * values.take(lens)).sum(axis=0)
 
 
 def _choose_textured(

@@ -113,7 +113,7 @@ class Twin:
 
     @cached_property
     def _wall(self) -> LensWall:
-        return LensWall.of(self.scene.depth, self._background, self._calibration)
+        return LensWall(self.scene.depth, self._background, self._calibration)
 
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
@@ -204,8 +204,7 @@ class Twin:
         noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
         gain = np.float32(optics.shot_gain)
         read = np.float32(optics.read_noise**2)
-        full = np.float32(FULL_SCALE)
-        return _add_noise(picture, noise, gain, read, full)
+        return _add_noise(picture, noise, gain, read)
 
     def _random(self, t: int, stream: int) -> np.random.Generator:
         """Return random numbers that depend on seed, frame and stream only."""
@@ -247,12 +246,13 @@ class Twin:
 
 
 @njit(cache=True)
-def _add_noise(picture: Any, noise: Any, gain: Any, read: Any, full: Any) -> Any:
+def _add_noise(picture: Any, noise: Any, gain: Any, read: Any) -> Any:
     """Return grey values: a picture with noise of variance ``gain * picture + read``.
 
     All are float32. It is compiled as the passes of numpy take 8 to 11 ms a picture
     instead of 2.
     """
+    full = np.float32(FULL_SCALE)
     gray = np.empty(picture.shape, np.uint16)
     for i in range(len(gray)):
         line = picture[i]
