@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.simulated.belt.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
 from kilnflight.tables import BELT_TRACKS
 
@@ -37,7 +38,7 @@ def test_a_cuboid_gains_mu_g_until_it_moves_with_the_belt():
         + QUIET.velocity_mm_s * time
         + gain * time**2 / 2
     )
-    before = QUIET.velocity_mm_s + gain * time < QUIET.belt_mm_s
+    before = QUIET.velocity_mm_s + gain * time < BELT_VELOCITY_MM_S
     np.testing.assert_allclose(tracks["x"][before], expected[before], atol=0.3)
 
 

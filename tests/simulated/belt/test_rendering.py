@@ -38,7 +38,7 @@ def test_a_level_camera_has_the_scale_of_the_paper():
 @pytest.mark.parametrize("name", BULKS)
 def test_a_particle_has_its_area_and_its_place(name):
     bulk = BULKS[name]
-    tracks = one_track(x=520.3, y=60.7).assign(angle_rad=0.6)
+    tracks = one_track(x=520.3, y=60.7)
     pictures = Pictures(tracks, bulk, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
     empty = Pictures(one_track(x=10.0), bulk, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
     window = np.s_[240:340, 330:430]

@@ -28,6 +28,8 @@ from kilnflight.belt.models import (
 from kilnflight.simulated.belt.bulk import BULKS
 
 GRAVITY_MM_S2 = 9810.0
+FEED_MM = BELT_START_MM + 2.0  # where the tracks in these files begin
+KICK_MM_S = 30.0  # standard deviation per axis of a collision; assumption
 _LEAST_SPEED = 1e-300  # mm/s, divides the zero velocity
 
 
@@ -58,13 +60,10 @@ class FrictionBelt:
     velocity_mm_s, velocity_spread_mm_s, lateral_spread_mm_s
         Velocity at the start of the belt and its spreads along and across it, read off
         (cuboids).
-    kicks_per_s, kick_mm_s
-        Number of collisions, and their standard deviation per axis; assumptions.
-    belt_mm_s
-        Velocity of the belt (sec. 4).
-    start_mm, end_mm, width_mm
-        Length and width of the belt as in the authors' files; an observation follows
-        the edge.
+    kicks_per_s
+        Number of collisions; assumption.
+    end_mm
+        End of the belt as in the authors' files; an observation follows the edge.
     feed_s
         Time in s over which the particles are fed; that of the authors' files.
     sampling_hz
@@ -83,11 +82,7 @@ class FrictionBelt:
     velocity_spread_mm_s: float = 58.0
     lateral_spread_mm_s: float = 49.0
     kicks_per_s: float = 2.0
-    kick_mm_s: float = 30.0
-    belt_mm_s: float = BELT_VELOCITY_MM_S
-    start_mm: float = BELT_START_MM + 2.0
     end_mm: float = BELT_EDGE_MM + 32.0
-    width_mm: float = BELT_WIDTH_MM
     feed_s: float = 15.0
     sampling_hz: float = 100.0
     steps_per_sample: int = 20
@@ -132,8 +127,8 @@ class FrictionBelt:
         n = self.particles
         # A particle is first seen within the distance of one frame.
         step = self.velocity_mm_s / self.sampling_hz
-        x = self.start_mm + generator.uniform(0.0, step, n)
-        y = generator.uniform(0.05, 0.95, n) * self.width_mm
+        x = FEED_MM + generator.uniform(0.0, step, n)
+        y = generator.uniform(0.05, 0.95, n) * BELT_WIDTH_MM
         along = generator.normal(self.velocity_mm_s, self.velocity_spread_mm_s, n)
         across = generator.normal(0.0, self.lateral_spread_mm_s, n)
         velocity = np.column_stack([along, across])
@@ -158,7 +153,7 @@ class FrictionBelt:
         rolling slows down, and some particles get a random kick.
         """
         step = 1.0 / (self.sampling_hz * self.steps_per_sample)
-        slip = state.velocity + state.rolling - np.array([self.belt_mm_s, 0.0])
+        slip = state.velocity + state.rolling - np.array([BELT_VELOCITY_MM_S, 0.0])
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
         both = 1.0 + 1.0 / self.inertia  # change of the slip by that of the velocity
         # The force that ends the slip in this step, up to the Coulomb limit. Along a
@@ -176,7 +171,7 @@ class FrictionBelt:
             rolls = np.linalg.norm(state.rolling, axis=1, keepdims=True)
             state.rolling *= (rolls - loss).clip(0.0) / rolls.clip(_LEAST_SPEED)
         kicked = generator.random(self.particles) < self.kicks_per_s * step
-        kicks = generator.normal(0.0, self.kick_mm_s, (int(kicked.sum()), 2))
+        kicks = generator.normal(0.0, KICK_MM_S, (int(kicked.sum()), 2))
         state.velocity[kicked] += kicks
         state.position += state.velocity * step
 

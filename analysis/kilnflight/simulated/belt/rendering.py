@@ -19,6 +19,16 @@ from kilnflight.checks import InputError
 from kilnflight.simulated.belt.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
+ROWS = 708  # size of a picture in px (section IV.B), as are the next two
+COLS = 1064
+MM_PER_PX = 0.44  # at the belt
+FRAMES_PER_S = 200.0
+HEIGHT_MM = 1000.0  # of the camera above the belt; assumption
+FLOOR_GRAY = 130.0  # of 255, beside the belt; assumption
+PARTICLE_GRAY = 200.0  # wood; assumption
+SOFT_PX = 1.0  # width of an edge; assumption
+EXPOSURE_S = 0.001  # 3.4 px of blur at the belt's velocity; assumption
+
 
 @dataclass(frozen=True)
 class CameraView:
@@ -26,14 +36,6 @@ class CameraView:
 
     Parameters
     ----------
-    rows, cols
-        Size of a picture in px (section IV.B).
-    mm_per_px
-        Scale at the belt (section IV.B).
-    frames_per_s
-        Rate (section IV.B).
-    height_mm
-        Height above the belt; assumption.
     turned_deg
         Rotation about its own axis; assumption: mounted by hand.
     tilted_deg
@@ -46,11 +48,6 @@ class CameraView:
     particle's centre lies above the plane that the belt's corners calibrate.
     """
 
-    rows: int = 708
-    cols: int = 1064
-    mm_per_px: float = 0.44
-    frames_per_s: float = 200.0
-    height_mm: float = 1000.0
     turned_deg: float = 0.3
     tilted_deg: float = 0.3
 
@@ -63,13 +60,13 @@ class CameraView:
         turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
         middle = BELT.corners.mean(axis=0)
         # Seen from above: x to the right, y down, depth away from the camera.
-        depth = self.height_mm - places[:, 2]
+        depth = HEIGHT_MM - places[:, 2]
         away = np.column_stack([places[:, :2] - middle, depth]) @ turn.T
         # The camera is moved sideways so that the tilted axis still meets the belt's
         # middle.
-        away[:, :2] -= turn[:2, 2] * self.height_mm
-        scale = self.height_mm / self.mm_per_px / away[:, 2:]
-        centre = np.array([self.rows - 1, self.cols - 1]) / 2
+        away[:, :2] -= turn[:2, 2] * HEIGHT_MM
+        scale = HEIGHT_MM / MM_PER_PX / away[:, 2:]
+        centre = np.array([ROWS - 1, COLS - 1]) / 2
         return (away[:, :2] * scale)[:, ::-1] + centre
 
 
@@ -89,23 +86,17 @@ class Pictures:
     Parameters
     ----------
     tracks
-        `kilnflight.tables.BELT_TRACKS`; with ``angle_rad``, of a particle from the x
-        axis, if that is known.
+        `kilnflight.tables.BELT_TRACKS`.
     bulk
         Shape and size of the particles.
     seed
-        Seed of the noise, of the belt's texture and of unknown angles.
+        Seed of the noise, of the belt's texture and of the particles' directions.
     view
         Camera.
-    belt_gray, floor_gray, particle_gray
-        Grey values of 255 of a dark belt, of what is beside it, and of wood;
-        assumptions, as are the next.
+    belt_gray
+        Grey value of 255 of a dark belt; assumption.
     noise_gray
-        Standard deviation of the noise, new in each frame.
-    soft_px
-        Width of an edge in px.
-    exposure_s
-        Exposure in s; 3.4 px of blur at the belt's velocity.
+        Standard deviation of the noise, new in each frame; assumption.
     """
 
     tracks: pd.DataFrame
@@ -113,11 +104,7 @@ class Pictures:
     seed: int
     view: CameraView = _VIEW
     belt_gray: float = 60.0
-    floor_gray: float = 130.0
-    particle_gray: float = 200.0
     noise_gray: float = 3.0
-    soft_px: float = 1.0
-    exposure_s: float = 0.001
 
     def __post_init__(self) -> None:
         """Check the tracks."""
@@ -127,7 +114,7 @@ class Pictures:
         """Return the number of frames up to the last time of the tracks."""
         if not len(self.tracks):
             return 0
-        last = self.tracks["time_s"].max() * self.view.frames_per_s
+        last = self.tracks["time_s"].max() * FRAMES_PER_S
         return 1 + int(np.floor(last + 1e-6))
 
     def __getitem__(self, frame: int) -> Picture:
@@ -136,7 +123,7 @@ class Pictures:
 
     def frames(self, numbers: Iterable[int]) -> Iterator[Picture]:
         """Yield the pictures of the requested frames, in that order."""
-        visible = at_rate(self.tracks, self.view.frames_per_s)
+        visible = at_rate(self.tracks, FRAMES_PER_S)
         visible = visible.sort_values("frame", kind="stable")
         frame = visible["frame"].to_numpy()
         outlines = self._outlines(visible)
@@ -146,10 +133,11 @@ class Pictures:
             picture = empty.copy()
             # Where two overlap, the later one is on top.
             for outline in outlines[first:last].tolist():
-                _cover(picture, tuple(outline), self.soft_px, self.particle_gray)
+                _cover(picture, tuple(outline))
             generator = np.random.default_rng([self.seed, 1, int(number)])
             noise = generator.standard_normal(empty.shape, dtype=np.float32)
-            yield _rounded(picture, noise, np.float32(self.noise_gray))
+            noisy = picture + np.float32(self.noise_gray) * noise
+            yield np.rint(noisy).clip(0, 255).astype(np.uint8)
 
     def _outlines(self, visible: pd.DataFrame) -> Array:
         """Return the outline (n, 8) of each particle in the picture.
@@ -161,7 +149,7 @@ class Pictures:
         places = visible[["x", "y"]].to_numpy()
         angle = self._angles(visible)
         tip = places + np.column_stack([np.cos(angle), np.sin(angle)])  # 1 mm ahead
-        ahead = places + self.exposure_s * _velocities(visible)
+        ahead = places + EXPOSURE_S * _velocities(visible)
         height = np.full(len(visible), self.bulk.rest_mm)
         middle, end, along = (
             self.view.pixels(np.column_stack([each, height]))
@@ -174,50 +162,45 @@ class Pictures:
         return np.column_stack([middle, direction, sizes, end - middle])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
-        """Return each row's direction (n,) in rad, drawn by particle if unknown."""
-        if "angle_rad" in visible.columns:
-            return visible["angle_rad"].to_numpy(np.float64)
+        """Return each row's direction (n,) in rad from the x axis, one by particle."""
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
         drawn = np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))
         return drawn[which]
 
     def _empty(self) -> Single:
         """Return the picture (rows, cols) of the belt without particles."""
-        shape = self.view.rows, self.view.cols
-        row, col = np.ogrid[: shape[0], : shape[1]]
+        shape = (ROWS, COLS)
+        row, col = np.ogrid[:ROWS, :COLS]
         corners = self.view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
         inside = np.full(shape, np.inf)
         for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             down, right = end - start
             away = right * (row - start[0]) - down * (col - start[1])
             np.minimum(inside, away / np.hypot(down, right), out=inside)
-        share = (0.5 + inside / self.soft_px).clip(0.0, 1.0)
-        picture = self.floor_gray + share * (self.belt_gray - self.floor_gray)
+        share = (0.5 + inside / SOFT_PX).clip(0.0, 1.0)
+        picture = FLOOR_GRAY + share * (self.belt_gray - FLOOR_GRAY)
         texture = np.random.default_rng([self.seed, 0]).standard_normal(shape)
         return (picture.astype(np.float32) + 2.0 * texture).astype(np.float32)
 
 
 @njit(cache=True)
-def _cover(
-    picture: Single, outline: tuple[float, ...], soft_px: float, gray: float
-) -> None:
+def _cover(picture: Single, outline: tuple[float, ...]) -> None:
     """Draw a rectangle with round corners into a picture (rows, cols), in place.
 
-    ``outline`` is a row of `Pictures._outlines`, ``soft_px`` the width of its edge. It
-    is the mean of its places during the exposure, at most a pixel apart. Shares are of
-    single precision.
+    ``outline`` is a row of `Pictures._outlines`. It is the mean of its places during
+    the exposure, at most a pixel apart. Shares are of single precision.
     """
     row, col, angle, half_length, half_width, radius, down, ahead = outline
     count = max(1, math.ceil(math.hypot(down, ahead)))
     reach = math.hypot(half_length - radius, half_width - radius) + radius
-    high = reach + soft_px + 1.0 + abs(down) / 2
-    wide = reach + soft_px + 1.0 + abs(ahead) / 2
+    high = reach + SOFT_PX + 1.0 + abs(down) / 2
+    wide = reach + SOFT_PX + 1.0 + abs(ahead) / 2
     c = np.float32(math.cos(angle))
     s = np.float32(math.sin(angle))
     length = np.float32(half_length - radius)
     width = np.float32(half_width - radius)
     corner = np.float32(radius)
-    soft = np.float32(soft_px)
+    soft = np.float32(SOFT_PX)
     zero = np.float32(0.0)
     half = np.float32(0.5)
     one = np.float32(1.0)
@@ -236,7 +219,7 @@ def _cover(
                 share += min(max(half - distance / soft, zero), one)
             mixed = min(share / np.float32(count), one)
             value = picture[i, j]
-            picture[i, j] = np.float32(value + mixed * (gray - value))
+            picture[i, j] = np.float32(value + mixed * (PARTICLE_GRAY - value))
 
 
 @njit(cache=True)
@@ -248,22 +231,6 @@ def _distance(u: np.float32, v: np.float32) -> np.float32:
     if u > 0 and v > 0:  # the nearest point is a corner
         return np.float32(math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2))
     return max(u, v)
-
-
-@njit(cache=True)
-def _rounded(picture: Single, noise: Single, noise_gray: np.float32) -> Picture:
-    """Return a picture (rows, cols) with noise, in whole grey values from 0 to 255.
-
-    ``noise`` (rows, cols) has standard deviation 1, ``noise_gray`` scales it to grey
-    values.
-    """
-    rounded = np.empty(picture.shape, np.uint8)
-    for i in range(picture.shape[0]):
-        for j in range(picture.shape[1]):
-            value = np.rint(picture[i, j] + noise[i, j] * noise_gray)
-            value = min(max(value, np.float32(0.0)), np.float32(255.0))
-            rounded[i, j] = np.uint8(value)
-    return rounded
 
 
 def _velocities(visible: pd.DataFrame) -> Array:
