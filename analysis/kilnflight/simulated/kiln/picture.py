@@ -186,52 +186,44 @@ class Pixels(NamedTuple):
 
 
 def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
-    """Return the pixels of a picture within `LARGEST_RADIUS` of every ellipse.
-
-    Each row of an ellipse is a run of pixels: what is the same in a run is computed
-    once.
-    """
-    blob, row = _rows_of(blobs, rows)
-    y = row - blobs.row[blob]
-    middle = blobs.column[blob]
-    tall, slant, _, wide = np.linalg.inv(blobs.ellipse_px2)[blob].reshape(-1, 4).T
-    across = tall * y * y
-    room = (slant * y) ** 2 - wide * (across - LARGEST_RADIUS**2)
+    """Return the pixels of a picture within `LARGEST_RADIUS` of every ellipse."""
+    middle = np.stack([blobs.row, blobs.column], axis=1)
+    spread = np.diagonal(blobs.ellipse_px2, axis1=1, axis2=2)
     # 0.01 px more, so that rounding loses none
-    reach = np.sqrt(np.maximum(room, 0.0)) / wide + 0.01
-    centre = middle - slant * y / wide
-    left = np.ceil(np.clip(centre - reach, 0, columns)).astype(np.intp)
-    right = np.floor(np.clip(centre + reach, -1, columns - 1)).astype(np.intp)
-    count = np.maximum(right - left + 1, 0)
-    start = row * columns
-    place = _count_up(start + left, count)
-    x = place - np.repeat(start, count) - np.repeat(middle, count)
-    square = 2 * np.repeat(slant, count) * x * np.repeat(y, count)
-    square += np.repeat(across, count)
-    square += np.repeat(wide, count) * x * x
-    near = np.flatnonzero(square < LARGEST_RADIUS**2)
-    return Pixels(
-        blob=np.repeat(blob, count).take(near),
-        place=place.take(near),
-        radius=np.sqrt(square.take(near)).astype(np.float32),
-    )
+    reach = LARGEST_RADIUS * np.sqrt(spread) + 0.01
+    shape = (rows, columns)
+    first = np.ceil(middle - reach).clip(0, shape).astype(np.intp)
+    end = (np.floor(middle + reach) + 1).clip(0, shape).astype(np.intp)
+    form = np.linalg.inv(blobs.ellipse_px2).reshape(-1, 4)
+    return Pixels(*_search(middle, form, first, end, columns))
 
 
-def _rows_of(blobs: Blobs, rows: int) -> tuple[Index, Index]:
-    """Return blob and row of every row of the picture that an ellipse may cover."""
-    half = np.ceil(LARGEST_RADIUS * np.sqrt(blobs.ellipse_px2[:, 0, 0]))
-    middle = np.round(blobs.row)
-    top = np.clip(middle - half, 0, rows).astype(np.intp)
-    bottom = np.clip(middle + half, -1, rows - 1).astype(np.intp)
-    count = np.maximum(bottom - top + 1, 0)
-    return np.repeat(np.arange(len(count)), count), _count_up(top, count)
+@njit(cache=True)
+def _search(middle: Any, form: Any, first: Any, end: Any, columns: int) -> Any:
+    """Return blob, place and radius of the pixels of ellipses, as `Pixels`.
 
-
-def _count_up(first: Index, count: Index) -> Index:
-    """Return so many numbers from each first one on, in one array."""
-    number = np.repeat(first - np.cumsum(count) + count, count)
-    number += np.arange(len(number))
-    return number
+    The rows of ``form`` are inverse ellipses. The search of a box begins at ``first``
+    and stops before ``end``, row and column.
+    """
+    sides = np.maximum(end - first, 0)
+    size = (sides[:, 0] * sides[:, 1]).sum()
+    blob = np.empty(size, np.intp)
+    place = np.empty(size, np.intp)
+    radius = np.empty(size, np.float32)
+    count = 0
+    for k in range(len(middle)):
+        tall, slant, _, wide = form[k]
+        for row in range(first[k, 0], end[k, 0]):
+            y = row - middle[k, 0]
+            for column in range(first[k, 1], end[k, 1]):
+                x = column - middle[k, 1]
+                square = 2 * slant * x * y + tall * y * y + wide * x * x
+                if square < LARGEST_RADIUS**2:
+                    blob[count] = k
+                    place[count] = row * columns + column
+                    radius[count] = np.sqrt(square)
+                    count += 1
+    return blob[:count], place[:count], radius[:count]
 
 
 def paint(
