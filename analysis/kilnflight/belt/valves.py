@@ -113,7 +113,9 @@ class ValveBar:
         time = predicted["time_s"].to_numpy()
         y = predicted["y"].to_numpy()
         known = np.isfinite(time) & np.isfinite(y)
-        valve = self._nearest(y[known].clip(0, self.belt_mm))
+        # The valve whose middle is nearest.
+        steps = (y[known].clip(0, self.belt_mm) - self.middles_mm[0]) / self.pitch_mm
+        valve = np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
         middle = time[known] + self.delay_s - self.latency_s
         return valve, middle - self.open_s / 2, middle + self.open_s / 2
 
@@ -151,31 +153,16 @@ class ValveBar:
             True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
         hit = np.zeros(len(time_s), dtype=bool)
-        # The first event is one that nothing meets.
-        valve = np.append(-1, events[0])
-        opens = np.append(0.0, events[1] + self.latency_s)
-        closes = np.append(-np.inf, events[2] + self.latency_s)
-        # Complex numbers are ordered by valve, then by time.
-        keys = valve + 1j * opens
-        nearest = self._nearest(y)
-        reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
-        middles = self.middles_mm
-        half = self.width_mm / 2
-        for step in range(-reach, reach + 1):
-            passed = nearest + step
-            away = np.abs(y - middles[passed.clip(0, self.valves - 1)])
-            # Searching the events takes most of the time.
-            near = np.flatnonzero((away <= half) & ~hit)
-            number = passed[near]
+        valve, opens, closes = events
+        for number, middle in enumerate(self.middles_mm):
+            near = np.flatnonzero(np.abs(y - middle) <= self.width_mm / 2)
+            own = valve == number
+            # The first event is one that nothing meets.
+            closing = np.append(-np.inf, closes[own] + self.latency_s)
             time = time_s[near]
-            latest = np.searchsorted(keys, number + 1j * time, side="right") - 1
-            hit[near] = (valve[latest] == number) & (time <= closes[latest])
+            latest = np.searchsorted(opens[own] + self.latency_s, time, side="right")
+            hit[near] |= time <= closing[latest]
         return hit
-
-    def _nearest(self, y: Array) -> Integers:
-        """Return the valve (n,) whose middle is nearest to each place (n,) in mm."""
-        steps = (y - self.middles_mm[0]) / self.pitch_mm
-        return np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
 
     def __call__(
         self, predicted: pd.DataFrame, arrival: pd.DataFrame, chosen: Flags
