@@ -73,7 +73,7 @@ def feed_campaign(scene: Scene) -> Life:
     table = table.assign(release_s=release_s)
     law = LAWS[scene.fraction, scene.pressure_bar]
     flights = fly(law, scene.count, scene.geometry, generator)
-    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
+    return Life.of(table, flights, scene.optics.share_on, generator)
 
 
 def feed_subset(scene: Scene) -> Life:
@@ -119,7 +119,7 @@ def _draw_candidates(t: int, scene: Scene, generator: np.random.Generator) -> Li
         parts.append(fly(LAWS[name, 4.5], CANDIDATES, scene.geometry, generator))
     table = pd.concat(tables, ignore_index=True)
     flights = Flights._make(np.concatenate(each) for each in zip(*parts, strict=True))
-    return Life.of(table, flights, scene.geometry, scene.optics.share_on, generator)
+    return Life.of(table, flights, scene.optics.share_on, generator)
 
 
 def _label(life: Life, scene: Scene) -> tuple[Integers, Flags]:

@@ -21,9 +21,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.arrays import Array, Integers
+from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.scores.flights import MARKS_M
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
@@ -206,7 +205,7 @@ class Flights(NamedTuple):
     end_s: Array
     end: Integers  # position in `ENDS`
 
-    def take(self, rows: npt.NDArray[np.generic]) -> Flights:
+    def take(self, rows: Index | Flags) -> Flights:
         """Return the flights of some particles, by a mask or their rows."""
         return Flights._make(part[rows] for part in self)
 

@@ -11,12 +11,10 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Index
 from kilnflight.simulated.kiln.fuel import are_sheets
-from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
 DELAY_S = (0.01, 0.05)  # time from the landing to the flame; assumption
@@ -36,7 +34,7 @@ class Moment(NamedTuple):
     landed: Flags
     age_s: Array  # since the release
 
-    def take(self, rows: npt.NDArray[np.generic]) -> Moment:
+    def take(self, rows: Index | Flags) -> Moment:
         """Return the moment of some particles, by a mask or their rows."""
         return Moment._make(part[rows] for part in self)
 
@@ -47,9 +45,8 @@ class Life:
 
     ``table`` has ``particle``, ``fraction``, ``length_mm``, ``width_mm``,
     ``thickness_mm``, ``release_s`` from the first frame, and from the release
-    ``ignition_s`` (NaN: not in the air) and ``end_s``, ``end``, ``end_x_mm``,
-    ``end_y_mm``, ``end_z_mm`` in camera coordinates, and the flame on the wall:
-    ``flame_delay_s``, ``flame_s``, ``flicker_phase``.
+    ``ignition_s`` (NaN: not in the air) and ``end_s``, ``end``, and the flame on the
+    wall: ``flame_delay_s``, ``flame_s``, ``flicker_phase``.
     """
 
     table: pd.DataFrame
@@ -61,7 +58,6 @@ class Life:
         cls,
         table: pd.DataFrame,
         flights: Flights,
-        geometry: Geometry,
         share_on: float,
         generator: np.random.Generator,
     ) -> Self:
@@ -73,8 +69,6 @@ class Life:
             ``fraction``, sizes and ``release_s``.
         flights
             Of the same particles.
-        geometry
-            Gives the places of the ends.
         share_on
             Share of a cycle in which a flame on the wall is there.
         generator
@@ -82,15 +76,11 @@ class Life:
         """
         n = len(table)
         mean_s = np.where(are_sheets(table["fraction"]), SHEET_S, BODY_S)
-        end = geometry.to_camera(flights.position(flights.end_s))
         table = table.reset_index(drop=True).assign(
             particle=np.arange(n),
             ignition_s=flights.ignition_s,
             end_s=flights.end_s,
             end=[ENDS[k] for k in flights.end],
-            end_x_mm=end[:, 0],
-            end_y_mm=end[:, 1],
-            end_z_mm=end[:, 2],
             flame_delay_s=generator.uniform(*DELAY_S, n),
             flame_s=mean_s * generator.exponential(size=n),
             flicker_phase=generator.random(n),
