@@ -110,7 +110,9 @@ def test_windows_hold_whole_flights_as_printed():
     whole = [(1000 + k, 1120) for k in range(7)]
     brief = [(1050, 1060)]
     twin = campaign("wood chip", *cut, *whole, *brief)
-    started, ended = scenes.started_and_whole(twin, [100, 150, 400, 1000], 300)
+    started, ended = scenes.started_and_whole(
+        twin, np.array([100, 150, 400, 1000]), 300
+    )
     assert started.tolist() == [7, 7, 0, 7]
     assert ended.tolist() == [0, 7, 0, 7]
     assert scenes.tracking_window(twin, by_starts=True) == range(100, 400)

@@ -91,17 +91,15 @@ class FrictionBelt:
         """Simulate particles that slide or roll along the belt; return BELT_TRACKS.
 
         A row is a particle and a sample: frame, particle, time in s, x and y in mm, up
-        to ``end_mm`` or 20 s. Particles do not touch each other. So all are moved from
-        one start, and then shifted to random times of entry within ``feed_s``. The same
+        to ``end_mm``. Particles do not touch each other. So all are moved from one
+        start, and then shifted to random times of entry within ``feed_s``. The same
         generator state gives the same tracks.
         """
         state = self._feed(generator)
         entry = np.sort(generator.uniform(0.0, self.feed_s, self.particles))
         first = np.ceil(entry * self.sampling_hz).astype(np.int64)
         samples = []
-        for _ in range(int(20 * self.sampling_hz)):
-            if state.position[:, 0].min() >= self.end_mm:
-                break
+        while state.position[:, 0].min() < self.end_mm:
             samples.append(state.position.copy())
             for _ in range(self.steps_per_sample):
                 self._step(state, generator)

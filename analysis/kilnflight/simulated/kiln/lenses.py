@@ -492,12 +492,9 @@ def _choose_textured(
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
     score *= cv2.resize(contrast, size) >= camera.wall_contrast
     cv2.GaussianBlur(score, (0, 0), lattice.pitch_px * camera.patch, dst=score)
-    edge = background.interior.edge_px
-    inner = np.zeros_like(score)
-    inner[edge:-edge, edge:-edge] = 1
-    score *= inner
+    edge = background.interior.edge_px  # no pixel there has depth
+    score = np.pad(score[edge:-edge, edge:-edge], edge).reshape(-1)
     count = int(camera.wall_points / camera.kept_per_frame)
-    score = score.reshape(-1)
     best = np.flatnonzero(score >= np.partition(score, -count)[-count])
     # Ties go to the first pixel.
     best = np.sort(best[np.argsort(-score[best], kind="stable")[:count]])

@@ -4,9 +4,9 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.recording.frames import Gray
 from kilnflight.simulated.kiln import scenes, truth
 
 SCENE = "V1@small"  # burning papers, at a quarter of the camera's rows and columns
@@ -17,7 +17,7 @@ COLUMNS = ["frame", "particle", "row", "col", "radius_px"]
 class SampleFilm(NamedTuple):
     """A film of the simulated kiln, and where its particles are."""
 
-    frames: npt.NDArray[np.uint16]  # (16, 384, 512) grey values
+    frames: Gray  # (16, 384, 512) grey values
     truth: pd.DataFrame  # `COLUMNS` in px, frames counted from 0
 
 

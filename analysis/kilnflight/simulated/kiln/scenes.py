@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from kilnflight.arrays import Index
 from kilnflight.checks import InputError
@@ -110,9 +109,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     )
 
 
-def started_and_whole(
-    twin: Twin, starts: npt.ArrayLike, length: int
-) -> tuple[Index, Index]:
+def started_and_whole(twin: Twin, starts: Index, length: int) -> tuple[Index, Index]:
     """Count the flights that start within so many frames of each start, and whole ones.
 
     The lance releases both in these frames. The first fly for `LASTING` frames of
@@ -132,7 +129,7 @@ def started_and_whole(
     started, whole : array (n,)
         Flights that start in each window, and those of them that also end in it.
     """
-    begin = np.asarray(starts)[:, None]
+    begin = starts[:, None]
     table = twin.life.table
     rate = twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
