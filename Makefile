@@ -46,7 +46,7 @@ quick standard full: ## little input; less input (the default); all of it, into 
 	@$(MAKE) SCALE=$@ all
 	@$(if $(filter full,$@),$(RUN) docs/generate.py --readme)
 notebooks: $(VENV)/installed build/external.txt ## the notebooks that are out of date, without pages
-	@KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) -m kilnflight.publication.schedule $(SCALE) --jobs $(JOBS) --only $(ONLY) --parameters $(PARAMETERS)
+	@KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) tools/schedule.py $(SCALE) --jobs $(JOBS) --only $(ONLY) --parameters $(PARAMETERS)
 film: $(VENV)/installed ## the notebook of one film of yours, into build/film: make film RECORDING=path
 	@export KILNFLIGHT_FIGURES=$(CURDIR)/build/film/figures; \
 	  $(RUN) -m kilnflight.publication.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"; \

@@ -36,7 +36,7 @@ figures.conclude("Seed " + str(seed), [], origin)
 STAND_IN = """#!/bin/sh
 echo "$KILNFLIGHT_FIGURES $*" >> asked
 case "$*" in
-*publication.schedule*) mkdir -p "build/$3" && touch "build/$3/ran" ;;
+*tools/schedule.py*) mkdir -p "build/$2" && touch "build/$2/ran" ;;
 *generate.py\\ build*) mkdir -p site && touch site/index.html ;;
 esac
 """
@@ -51,7 +51,7 @@ def copied(folder, python):
     """Make a project in a folder, in which nothing has run; ``python`` stands for
     Python.
     """
-    for part in ("analysis", "data/reference", "docs"):
+    for part in ("analysis", "data/reference", "docs", "tools"):
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
         shutil.copytree(PROJECT / part, folder / part, ignore=ignored)
     for name in ("Makefile", "pyproject.toml", "requirements.lock", "CITATION.cff"):
@@ -184,9 +184,9 @@ def test_full_alone_writes_what_is_cited(project, scale):
     assert (f"build/{scale}/figures" in done.stdout) == bool(reduced)
     lines = (project / "asked").read_text().splitlines()
     commands = [line.partition(" ")[::2] for line in lines]  # figures' folder, command
-    (asked,) = [each for each in commands if "publication.schedule" in each[1]]
+    (asked,) = [each for each in commands if "schedule.py" in each[1]]
     settings = "--jobs 2 --only 26 --parameters seed=7 26.draws=9"
-    assert asked == (reduced, f"-m kilnflight.publication.schedule {scale} {settings}")
+    assert asked == (reduced, f"tools/schedule.py {scale} {settings}")
     (rendered,) = [each for each in commands if "generate.py build" in each[1]]
     assert rendered == (reduced, f"docs/generate.py build/{scale} site")
     written = [command for _, command in commands if "--readme" in command]

@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from kilnflight.publication import schedule
+from tools import schedule
 
 STAND_IN = """#!/bin/sh
 stem=$(basename "$3" .py)

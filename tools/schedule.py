@@ -198,7 +198,7 @@ def _started(plan: Plan, source: Path) -> subprocess.Popen[bytes]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Execute what is out of date and return the exit status."""
-    parser = ArgumentParser(prog="python -m kilnflight.publication.schedule")
+    parser = ArgumentParser(prog="python tools/schedule.py")
     parser.add_argument("scale")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", nargs="*", default=[], metavar="NN")
