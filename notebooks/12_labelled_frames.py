@@ -11,7 +11,7 @@
 # **Here.** The frames that `KILNFLIGHT_LABELLED` names, or that `make data` fetched.
 # Without them simulated frames are written out and read back through the same door. The
 # functions are those of notebooks 20 to 25. A background is the median of the frames
-# that a subset has, ten if these alone are at hand.
+# that a subset has, ten if these alone are at hand. Table 5.7, of times, is left out.
 #
 # **One number.** There is no number yet: nobody has run it on the authors' frames.
 #
