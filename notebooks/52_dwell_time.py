@@ -270,7 +270,7 @@ settings = campaigns.settings_from_labels(scale, seed)
 reduced = campaigns.campaigns("standard", settings, seed)
 early = []
 for each in reduced:
-    detection = replace(each.run.detection, start=100, stop=300)
+    detection = replace(each.run.detection, frames=range(100, 300))
     early.append(each._replace(run=replace(each.run, detection=detection)))
 whole = {}
 for name, recorded in (("chosen", reduced), ("other", early)):
