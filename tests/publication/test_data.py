@@ -115,6 +115,29 @@ def test_labelled_frames_are_named_or_lie_where_they_were_unpacked(
     assert data.labelled_manifest() == tmp_path / "mine.toml"
 
 
+def test_the_authors_archive_is_told_by_its_checksum(tmp_path, monkeypatch):
+    folder = tmp_path / "set"
+    folder.mkdir()
+    assert not data.is_of_authors(folder / "labelled.toml")
+    (tmp_path / "set.zip").write_bytes(CONTENT)
+    assert not data.is_of_authors(folder / "labelled.toml")
+    found = hashlib.md5(CONTENT).hexdigest()
+    monkeypatch.setattr(data, "LABELLED_MD5", found[:8])
+    assert data.is_of_authors(folder / "labelled.toml")
+
+
+def test_without_one_server_the_other_is_asked(folder, monkeypatch, capsys):
+    def nothing(name):
+        raise OSError(f"{name}: no connection")
+
+    asked = []
+    monkeypatch.setattr(data, "fetch", nothing)
+    monkeypatch.setattr(data, "fetch_labelled", asked.append)
+    assert data.main([]) == 1
+    assert asked == [False]
+    assert data.LABELLED_ARCHIVE not in "".join(capsys.readouterr())
+
+
 def test_the_pinned_files_are_the_authors(authors_data):
     for name in data.BELT_DEM.values():
         assert data.find(name) == authors_data / name

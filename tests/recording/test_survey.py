@@ -209,6 +209,16 @@ WRONG = {
     "unit": ({"xyz": lambda xyz: xyz / 1000}, "unit"),
     "invalid": ({"xyz": np.nan_to_num}, "invalid"),
     "order of labels": ({"labels": lambda labels: labels.T}, "order in [labels]"),
+    "millimetres for metres": ({"xyz": lambda xyz: xyz * 1000}, "unit"),
+    "classes 2 and 3": (
+        {"labels": lambda labels: np.uint8([0, 1, 3, 2, 4])[labels]},
+        "set classes",
+    ),
+    "classes 0 and 4": (
+        {"labels": lambda labels: np.uint8([4, 1, 2, 3, 0])[labels]},
+        "set classes",
+    ),
+    "no points": ({"xyz": lambda xyz: np.full_like(xyz, np.nan)}, "[coordinates]"),
 }
 
 
@@ -248,6 +258,70 @@ def test_two_subsets_in_one_series_are_refused(tmp_path, subsets):
     assert [*open_subsets(path)] == ["V1", "V4"]
 
 
+def test_a_kind_that_all_subsets_would_share_is_refused(tmp_path, subsets):
+    LAYOUTS["folders_with_mat"](tmp_path, subsets)
+    path = tmp_path / "labelled.toml"
+    draft = survey.draft(tmp_path)[1]
+    path.write_text(draft.replace("{subset}/truth", "V1/truth"))
+    with pytest.raises(InputError, match=r"\[labels\].*\{subset\}"):
+        open_subsets(path)
+
+
+def test_frames_that_are_numbered_through_are_told_apart_by_their_span(
+    tmp_path, subsets
+):
+    both = [part.frame(t) for part in subsets.values() for t in range(len(part))]
+    for k, frame in enumerate(both, start=1):
+        picture(tmp_path / f"gray_{k}.png", frame.gray)
+        picture(tmp_path / f"labels_{k}.png", frame.labels)
+    draft = survey.draft(tmp_path)[1]
+    path = tmp_path / "labelled.toml"
+    asked = "# subsets = { V1 = [1, 10], V2 = [11, 20] }"
+    assert asked in draft
+    path.write_text(draft.replace(asked, "subsets = { V1 = [1, 3], V4 = [4, 6] }"))
+    found = open_subsets(path)
+    assert [*found] == [*subsets]
+    for name, part in subsets.items():
+        assert found[name].labelled == [0, 1, 2]
+        for t in range(3):
+            frame = found[name].frame(t)
+            np.testing.assert_array_equal(frame.labels, part.frame(t).labels)
+            np.testing.assert_array_equal(frame.gray, part.frame(t).gray)
+    path.write_text(draft.replace(asked, "subsets = { V1 = [3, 1] }"))
+    with pytest.raises(InputError, match="V1"):
+        open_subsets(path)
+
+
+def test_columns_in_another_order_are_named_by_the_manifest(tmp_path, subsets):
+    frame = subsets["V1"].frame(0)
+    picture(tmp_path / "gray_0.png", frame.gray)
+    shown = frame.gray[tuple(frame.pixels.T)]
+    table = np.column_stack([frame.xyz.astype(np.float64), frame.pixels, shown])
+    text(tmp_path / "points_0.txt", table)
+    path = tmp_path / "labelled.toml"
+    more = '[coordinates]\npattern = "points_{frame}.txt"\nform = "points"\n'
+    path.write_text(survey.draft(tmp_path)[1] + more)
+    with pytest.raises(InputError, match=r"points_0\.txt"):
+        open_any(path).frame(0)
+    path.write_text(path.read_text() + 'columns = "x y z row col -"\n')
+    ours = open_any(path).frame(0)
+    np.testing.assert_array_equal(ours.pixels, frame.pixels)
+    np.testing.assert_allclose(ours.xyz, frame.xyz, rtol=1e-6)
+    path.write_text(path.read_text().replace("x y z row col -", "x y z row"))
+    with pytest.raises(InputError, match="columns"):
+        open_any(path)
+
+
+def test_a_key_that_would_do_nothing_is_refused(tmp_path, subsets):
+    one_subset(tmp_path, subsets["V1"])
+    path = tmp_path / "labelled.toml"
+    draft = survey.draft(tmp_path)[1]
+    for kind, line in {"gray": 'order = "col row"', "labels": 'unit = "m"'}.items():
+        path.write_text(draft.replace(f"[{kind}]", f"[{kind}]\n{line}"))
+        with pytest.raises(InputError, match=line.split()[0]):
+            open_any(path)
+
+
 def test_points_that_no_pixel_fits_get_a_question(tmp_path, subsets):
     rng = np.random.default_rng(0)
     one_subset(tmp_path, subsets["V1"], xyz=rng.permutation)
@@ -282,7 +356,8 @@ def test_text_that_is_no_table_is_listed_with_the_reason(tmp_path):
     picture(tmp_path / "gray_1.png", np.arange(2000, dtype=np.uint16).reshape(40, 50))
     text(tmp_path / "cloud_1.csv", np.ones((3, 2)), ",", "a,b")
     told, draft = survey.draft(tmp_path)
-    assert "[coordinates]" not in draft
+    assert "\n[coordinates]" not in draft
+    assert "# [coordinates]  # ?" in draft
     assert any("cloud_1.csv" in line and "a, b" in line for line in told)
 
 

@@ -147,10 +147,11 @@ def collect() -> pd.DataFrame:
         The columns of choices.csv; ``quantity``, ``result_chosen`` and
         ``result_other``, one entry for each comparison, joined by semicolons;
         ``verdicts_that_turn``, ids of claims; ``notebook``. Empty where no notebook
-        compared.
+        compared on the simulation (notebook 12 shows the authors' frames).
     """
     names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
-    by_choice = pd.DataFrame(index.rows("choices"), columns=names).groupby("id")
+    rows = [each for each in index.rows("choices") if each.get("data") != "authors"]
+    by_choice = pd.DataFrame(rows, columns=names).groupby("id")
     results = by_choice.agg(
         quantity=("quantity", "; ".join),
         result_chosen=("chosen", "; ".join),

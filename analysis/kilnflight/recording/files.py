@@ -50,7 +50,8 @@ A manifest says what lies where. Patterns are relative to it::
 
 Only ``name``, ``frame_rate_hz`` and ``[gray]`` are needed. Coordinates and labels may
 cover some frames only. ``{subset}`` in all patterns stands for the name of a subset
-(`open_subsets`). `kilnflight.recording.survey` drafts a manifest of an archive.
+(`open_subsets`); where frames are numbered through, ``subsets = { V1 = [1, 10] }``
+names the first and the last of each. `kilnflight.recording.survey` drafts a manifest.
 
 ===========  ===========  ==========================================================
 table        form         each file holds
@@ -69,7 +70,8 @@ labels       ``table``    lines (frame) row col class of the labelled pixels
 Text has spaces, tabs, commas or semicolons, and may name its columns in the first line.
 ``order = "col row"`` if columns come before rows; ``y = "down"`` if y grows downwards;
 ``z = "back"`` if depths are below 0; ``origin = 1`` if pixels count from 1;
-``key = ["X", "Y", "Z"]`` if a file holds these one by one.
+``key = ["X", "Y", "Z"]`` if a file holds these one by one; ``columns = "x y z row col
+-"`` if a text has its columns in another order, or more.
 
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning
 on the wall. Coordinates, the lance's too, are those of the camera as captured.
@@ -112,6 +114,7 @@ from kilnflight.recording.readers import (
 )
 from kilnflight.recording.store import StoredRecording, open_recording
 
+EVERY = (0, 2**63)  # numbers of frames
 CHANNELS = ("red", "green", "blue")
 WHITE = 65_535  # largest grey value
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # their values are never above it
@@ -307,6 +310,7 @@ def _open_manifest(path: Path) -> FileRecording:
         if SUBSET in tables["gray"].pattern:
             names = ", ".join(find_subsets(tables["gray"].pattern, path.parent))
             raise InputError(f"it has subsets. Write one of {names} for {SUBSET}.")
+        facts.pop("subsets", None)
         return _put_together(path.parent, facts, tables)
 
 
@@ -320,9 +324,16 @@ def open_subsets(path: Path | str) -> dict[str, FileRecording]:
     with _naming(path):
         facts, tables = read_manifest(path)
         pattern = tables["gray"].pattern
-        if SUBSET not in pattern:
-            return {facts["name"]: _put_together(path.parent, facts, tables)}
+        spans = facts.pop("subsets", {})
         recordings = {}
+        if SUBSET not in pattern:
+            for name, span in (spans or {facts["name"]: EVERY}).items():
+                facts |= {"name": name}
+                recordings[name] = _put_together(path.parent, facts, tables, span)
+            return recordings
+        for kind, table in tables.items():
+            if SUBSET not in table.pattern:
+                raise InputError(f"[{kind}]: all subsets would share it. Add {SUBSET}.")
         for name in find_subsets(pattern, path.parent):
             own = {kind: table.of_subset(name) for kind, table in tables.items()}
             facts |= {"name": name}
@@ -342,9 +353,16 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def _put_together(
-    folder: Path, facts: Mapping[str, Any], tables: Mapping[str, FileTable]
+    folder: Path,
+    facts: Mapping[str, Any],
+    tables: Mapping[str, FileTable],
+    span: Sequence[int] = EVERY,
 ) -> FileRecording:
-    """Return the recording of a manifest's tables, whose files are in a folder."""
+    """Return the recording of a manifest's tables, whose files are in a folder.
+
+    ``span`` are the first and the last number of its frames.
+    """
+    least, most = span
     gray = tables["gray"]
     if gray.form == "stack":
         file = find_file(gray.pattern, folder)
@@ -352,6 +370,10 @@ def _put_together(
         numbers: Sequence[int] = gray.read_numbers(file)
     else:
         images, numbers = open_images(gray.pattern, folder, gray.key)
+        if isinstance(images, PictureFiles):
+            kept = [k for k, number in enumerate(numbers) if least <= number <= most]
+            images = PictureFiles([images.files[k] for k in kept], gray.key)
+            numbers = [numbers[k] for k in kept]
     parts = []
     for kind in ("coordinates", "labels"):
         if kind not in tables:
@@ -367,6 +389,7 @@ def _put_together(
         else:
             first = next(iter(table.classes), "")
             files = number_files(table.pattern.replace(CLASS, first), folder)
+        files = {n: path for n, path in files.items() if least <= n <= most}
         extra = files.keys() - set(numbers)
         if extra:
             raise InputError(

@@ -6,7 +6,7 @@
 import re
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +17,7 @@ import pandas as pd
 from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
-from kilnflight.recording.readers import Anything, Key, read_array, read_layers
+from kilnflight.recording.readers import POINT, Anything, Key, read_array, read_layers
 
 FACTS = (  # attributes that a manifest states
     "name",
@@ -28,6 +28,7 @@ FACTS = (  # attributes that a manifest states
     "roi",
     "flame_roi",
     "depth_calibration",
+    "subsets",
 )
 TABLES = ("gray", "coordinates", "labels")
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -35,6 +36,20 @@ FORMS = {
     "gray": ("grid", "stack"),
     "coordinates": ("grid", "stack", "points", "indexed", "cloud"),
     "labels": ("grid", "stack", "masks", "table"),
+}
+OF_GRAY = ("pattern", "key", "form", "numbers", "channel")
+OF_OTHERS = (*OF_GRAY[:-1], "order", "origin", "columns")
+OF_POINTS = (*OF_OTHERS, "y", "z", "index", "focal_length_px", "invalid", "unit")
+KEYS = {
+    "gray": OF_GRAY,
+    "coordinates": OF_POINTS,
+    "labels": (*OF_OTHERS, "classes"),
+}
+COLUMNS = {  # of a table of text, by its form
+    "points": POINT,
+    "cloud": POINT[2:],
+    "indexed": POINT[2:],
+    "table": ["frame", "row", "col", "class"],
 }
 ORDERS = ("row col", "col row")
 SUBSET = "{subset}"  # stands for the name of a subset in a pattern
@@ -82,6 +97,9 @@ class FileTable:
         Depth of a pixel that has none.
     unit
         Of coordinates, one of `MM_PER_UNIT`.
+    columns
+        Names of the columns of a table without or with another header, such as
+        ``"x y z row col -"``; None: in the order of the form.
     origin
         Number of the first row and column of points, 0 or 1.
     classes
@@ -101,6 +119,7 @@ class FileTable:
     focal_length_px: float = 0.0
     invalid: float | str = "nan"
     unit: str = "mm"
+    columns: str | None = None
     origin: int = 0
     classes: Mapping[str, int] = field(default_factory=dict)
 
@@ -110,8 +129,7 @@ class FileTable:
         if not isinstance(given, dict):
             raise _unusable(name, given)
         where = f"[{name}] "
-        known = [each.name for each in fields(cls)]
-        _check_keys(given, known=known, needed=["pattern"], where=where)
+        _check_keys(given, known=KEYS[name], needed=["pattern"], where=where)
         table = cls(**given)
         fits = {
             "pattern": isinstance(table.pattern, str),
@@ -125,6 +143,7 @@ class FileTable:
             "classes": _are_classes(table.classes, table.form),
             "focal_length_px": _is_focal_length(table),
             "index": isinstance(table.index, str) == (table.form == "indexed"),
+            "columns": table.columns is None or table.places() is not None,
         }
         for key, usable in fits.items():
             if not usable:
@@ -134,6 +153,17 @@ class FileTable:
     def of_subset(self, name: str) -> Self:
         """Return the table of one subset, for patterns with `SUBSET`."""
         return replace(self, pattern=self.pattern.replace(SUBSET, name))
+
+    def places(self) -> list[int] | None:
+        """Return where the columns of the form are in a file; None if one is missing.
+
+        A table of labels may be without frames.
+        """
+        named = str(self.columns).split()
+        wanted = COLUMNS.get(self.form, ["-1"])
+        if {*wanted} - {*named} - {"frame"}:
+            return None
+        return [named.index(name) for name in wanted if name in named]
 
     def read_numbers(self, path: Path) -> list[int]:
         """Read the numbers of the frames of a stack."""
@@ -145,7 +175,11 @@ class FileTable:
     def _read(self, path: Path, number: int) -> Anything:
         """Read the array of frame ``number``."""
         if self.form != "stack":
-            return read_array(path, self.key)
+            array = read_array(path, self.key, named=self.columns is None)
+            if self.columns is None:
+                return array
+            check_shape(array, (None, len(self.columns.split())), str(path))
+            return array[:, self.places()]
         layers = read_layers(path, self.key)
         return layers[..., self.read_numbers(path).index(number)]
 
@@ -232,7 +266,7 @@ class FileTable:
 
         All are of frame ``number`` in a table without frames.
         """
-        array = real_numbers(read_array(path, self.key), str(path))
+        array = real_numbers(self._read(path, number), str(path))
         if array.shape[1:] == (3,):
             array = np.insert(array, 0, number, axis=1)
         check_shape(array, (None, 4), str(path))
@@ -295,6 +329,9 @@ def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
     for key in ("name", "fraction"):
         if not isinstance(facts.get(key, ""), str):
             raise _unusable(key, facts[key])
+    for name, span in dict(facts.get("subsets", {})).items():
+        if len(span) != 2 or not 0 <= span[0] <= span[1]:
+            raise _unusable(f"subsets: {name}", span)
     if "/" in facts["name"]:  # folders are named by it
         raise _unusable("name", facts["name"])
     return facts, tables

@@ -190,14 +190,14 @@ def find_subsets(pattern: str, folder: Path) -> list[str]:
     return found
 
 
-def read_array(path: Path, key: Key = None) -> Anything:
+def read_array(path: Path, key: Key = None, named: bool = True) -> Anything:
     """Read the array or picture in a file; parameters as for `read_stack`."""
-    array = read_stack(path, key)
+    array = read_stack(path, key, named)
     is_picture = path.suffix.lower() in PICTURES and len(array) == 1
     return array[0] if is_picture else array
 
 
-def read_stack(path: Path, key: Key = None) -> Anything:
+def read_stack(path: Path, key: Key = None, named: bool = True) -> Anything:
     """Read the array in a file, by its ending, or its pictures (n, rows, cols).
 
     Parameters
@@ -209,6 +209,8 @@ def read_stack(path: Path, key: Key = None) -> Anything:
     key
         Variable or data set, where a file holds several; a list of them is stacked
         along a last axis.
+    named
+        Whether a header of text chooses columns; else all of them are read.
 
     Raises
     ------
@@ -216,7 +218,7 @@ def read_stack(path: Path, key: Key = None) -> Anything:
         If it cannot be read; the message names the file.
     """
     try:
-        return _read(path, key)
+        return _read(path, key, named)
     except Exception as error:  # libraries raise anything on damaged bytes
         text = getattr(error, "strerror", None) or " ".join(str(error).split())
         reason = text or "no content"
@@ -248,7 +250,7 @@ def variables(path: Path) -> dict[Key, Anything]:
     return {name: read_array(path, name) for name in held}
 
 
-def _read(path: Path, key: Key) -> Anything:
+def _read(path: Path, key: Key, named: bool = True) -> Anything:
     if isinstance(key, list | tuple):
         return np.squeeze(np.stack([_read(path, name) for name in key], axis=-1))
     ending = path.suffix.lower()
@@ -262,7 +264,7 @@ def _read(path: Path, key: Key) -> Anything:
         content = np.frombuffer(path.read_bytes() or b"0", np.uint8)
         return _from_bgr(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))[None]
     if ending in TEXTS:
-        return _read_text(path)
+        return _read_text(path, named)
     if ending == ".npy":
         return np.atleast_1d(np.load(path, mmap_mode="r"))
     if ending == ".mat" and not h5py.is_hdf5(path):
@@ -288,7 +290,7 @@ def _read_mat(path: Path) -> dict[str, Anything]:
     return held
 
 
-def _read_text(path: Path) -> Anything:
+def _read_text(path: Path, named: bool) -> Anything:
     """Return the numbers of a text table, (n, k); the first line may name columns."""
     text = path.read_text("utf-8-sig")
     if not text.endswith("\n"):
@@ -308,7 +310,7 @@ def _read_text(path: Path) -> Anything:
         header=header,
         skipinitialspace=True,
     )
-    if header is None:
+    if header is None or not named:
         return table.to_numpy(np.float64)
     units = r"\s*([\[(].*[\])]|_mm)$"
     table.columns = (

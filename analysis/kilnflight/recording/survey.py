@@ -23,10 +23,16 @@ from kilnflight.recording.readers import (
 from kilnflight.recording.series import Series, find_series, to_toml
 
 METRES_BELOW = 100.0  # a median depth below it is in m: no kiln is 100 mm long
+FARTHEST = 100_000.0  # mm
 CENTIMETRES_BELOW = 1500.0  # this one may be in cm
 LARGEST_DEPTH = 65_535.0  # a depth of 16 bits that means none
 CLASSES = {0, 1, 2, 3, 4}  # Table 5.1
-BURNING = (2, 4)
+BURNING = 2  # in air
+LEAST_WALL = 0.5  # share of pixels
+# Burning particles are the brightest (5.1.1): of their pixels in the simulation 95 %
+# and more are above this quantile of the picture, 12 % with another frame's labels.
+BRIGHT = 0.9
+BRIGHT_SHARE = 0.5
 SURE = 1.8  # sum of two correlations, at most 2
 LEAST_POINTS = 10  # a correlation needs them
 SHARED = 0.005  # share of equal depths that are no depths
@@ -58,7 +64,8 @@ def draft(folder: Path) -> tuple[list[str], str]:
             chosen.setdefault(series.kind, series)
     told = [series.told() for series in found]
     if "gray" not in chosen:
-        raise InputError(f"{folder}: nothing looks like grey pictures. {told}")
+        listed = "\n".join(told)
+        raise InputError(f"{folder}: nothing looks like grey pictures.\n{listed}")
     size = chosen["gray"].first.shape[:2]
     lines = [
         f'name = "{folder.name}"',
@@ -70,8 +77,14 @@ def draft(folder: Path) -> tuple[list[str], str]:
     ]
     gray = np.asarray(chosen["gray"].first, np.float64)
     subsets = _subsets(chosen["gray"], folder)
+    if not subsets:
+        lines.append("# subsets = { V1 = [1, 10], V2 = [11, 20] }  # ? frames of each")
     for kind in ("gray", "coordinates", "labels"):
         if kind not in chosen:
+            lines += [
+                "",
+                f"# [{kind}]  # ? none was recognised: pattern, form, columns",
+            ]
             continue
         series = chosen[kind]
         lines += ["", f"[{kind}]", f'pattern = "{series.pattern}"']
@@ -109,7 +122,10 @@ def _subsets(series: Series, folder: Path) -> list[str]:
     """Return the subsets that the pattern of a series names, if any."""
     if SUBSET not in series.pattern:
         return []
-    return find_subsets(series.pattern.replace(CLASS, "*"), folder)
+    try:
+        return find_subsets(series.pattern.replace(CLASS, "*"), folder)
+    except InputError:  # its two numbers differ
+        return []
 
 
 def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
@@ -128,7 +144,8 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         index = _index_of(series, len(series.first))
         form = "indexed" if index else "cloud"
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
-    depth = np.median(xyz[known, 2]) if known.any() else np.inf
+    depths = xyz[known & (xyz[:, 2] != 0), 2]
+    depth = np.median(depths) if depths.size else np.inf
     lines += _depth_lines(float(depth))
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
@@ -226,8 +243,8 @@ def check_frame_fits(frame: Frame, where: str) -> None:
         line = ""
         if _invalid(xyz[:, 2]) != "nan":
             line = "many points have one depth; set invalid"
-        elif np.median(np.abs(xyz[:, 2])) < METRES_BELOW:
-            line = "depths are below 100 mm; set unit"
+        elif not METRES_BELOW < np.median(xyz[:, 2]) < FARTHEST:
+            line = "depths are below 0.1 m or above 100 m; set unit"
         elif abs(down) + abs(right) < SURE:
             line = "x and y do not follow the pixels; set order"
         elif down > 0:
@@ -236,13 +253,19 @@ def check_frame_fits(frame: Frame, where: str) -> None:
             line = "x grows to the left, which no line turns: multiply it by -1"
         if line:
             raise InputError(f"{where}: {line} in [coordinates].")
-    if frame.labels is None or len(frame.labels) != frame.labels.shape[1]:
-        return  # of another form swapped labels would lie outside
-    burning = np.isin(frame.labels, BURNING)
-    if burning.any() and frame.gray[burning].mean() < frame.gray[burning.T].mean():
+    if frame.labels is not None:
+        _check_labels(frame.gray, frame.labels, where)
+
+
+def _check_labels(gray: Any, labels: Any, where: str) -> None:
+    """Raise an `InputError` where labels contradict the grey values."""
+    if np.mean(labels == 0) < LEAST_WALL:
+        raise InputError(f"{where}: most pixels are no wall; set classes in [labels].")
+    burning = gray[labels == BURNING] > np.quantile(gray, BRIGHT)
+    if burning.size and burning.mean() < BRIGHT_SHARE:
         raise InputError(
-            f"{where}: what burns would be brighter with rows and columns swapped; set "
-            "order in [labels]."
+            f"{where}: what burns in air is not bright; set classes, pattern or order "
+            "in [labels]."
         )
 
 

@@ -236,15 +236,19 @@ def open_labelled(path: Path) -> list[Subset]:
     Raises
     ------
     InputError
-        If a recording cannot be read, has no labels, or its first labelled frame
-        contradicts the manifest; or if there is one subset.
+        If a recording cannot be read, has no labels, or a labelled frame has no points
+        or contradicts the manifest; or if there is one subset.
     """
     subsets = []
     for name, recording in open_subsets(path).items():
         if not recording.labelled:
             raise InputError(f"{path}: subset {name} has no labels. Add [labels].")
-        first = recording.frame(recording.labelled[0])
-        check_frame_fits(first, f"{path}, subset {name}")
+        for t in recording.labelled:
+            frame = recording.frame(t)
+            where = f"{path}, subset {name}, frame {frame.index}"
+            if not len(frame.xyz):
+                raise InputError(f"{where} has no points. Add or mend [coordinates].")
+            check_frame_fits(frame, where)
         subsets.append(Subset.of_labels(name, recording, recording.labelled))
     if len(subsets) < 2:
         raise InputError(
