@@ -10,6 +10,7 @@ SHELL := /bin/bash
 #:   JOBS=3                                notebooks side by side (4 GB each; make full: 6 GB),
 #:                                         and processes of notebooks 50 and 56 in make full
 #:   RECORDING=path                        film, folder, array ... for make film
+#:   FIGURE=fig-5-19                       id of a figure or table, or its beginning, for make cite
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
 #:   KILNFLIGHT_RECORDINGS=folder          belt recordings, instead of the authors'
@@ -36,7 +37,7 @@ export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
 export OPENCV_FOR_THREADS_NUM ?= 1
 export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a frame's time
-.PHONY: all quick standard full notebooks film setup data test faults check bench dist clean help
+.PHONY: all quick standard full notebooks film setup data test faults check cite bench dist clean help
 
 all: notebooks
 	@[ site/index.html -nt build/$(SCALE)/ran -a "$$(cat build/site 2> /dev/null)" = $(SCALE) -a -z "$$(find docs -newer site/index.html)" ] || { \
@@ -61,6 +62,8 @@ faults: $(VENV)/installed ## try some 10,000 faults of input, and count what bec
 check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports
 	@$(RUN) -m pytest -q -m published tests
+cite: $(VENV)/installed ## how to cite a figure or table of figures/: make cite FIGURE=fig-5-19
+	@$(RUN) docs/generate.py --cite "$(FIGURE)"
 bench: $(VENV)/installed ## measure speed against peers, and growth, into figures/ (20 minutes)
 	@$(RUN) benchmarks/run.py
 dist: $(VENV)/installed ## build wheel and source archive, into dist/

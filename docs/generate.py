@@ -1,22 +1,33 @@
 """Write the pages of the site and run Sphinx: ``python docs/generate.py BUILD SITE``.
 
-    executed notebooks in BUILD, the folder of figures, docs/ -> BUILD/pages -> SITE
+    results of record in figures/, sources of notebooks -> SITE, a page a notebook
+    executed notebooks in BUILD, their figures          -> SITE/run, a page a notebook
+    docs/                                               -> all other pages
 
-``python docs/generate.py --readme`` writes the results into README.md, and
-figures/README.md.
+Without results of record the executed notebooks take their place. A film of one's own
+is a site of one page.
+
+``python docs/generate.py --readme`` writes the results into README.md, into
+figures/README.md and into a page for each notebook beside it; ``--cite ID`` prints how
+to cite a figure.
 """
 
+import difflib
+import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import jupytext
 import nbformat
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader
-from nbformat.v4 import new_markdown_cell
+from nbformat.v4 import new_markdown_cell, new_output
 from PIL import Image
 
 from kilnflight.checks import InputError
@@ -36,8 +47,10 @@ CHAPTERS = {
     "Belt": ("belt-", ("40",), "fig-belt20-9-arrival"),
     "Misprints": ("misprint", ("00",), "errata"),
 }
+COLUMN_MM = 90.0  # a wider picture spans two columns
 # Ids of figures have these between kind and number.
 STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
+Figures = dict[str, dict[str, Any]]  # entries of the index by id
 LONGEST = 150  # rows of a table that a page shows
 SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
 FOUR_DIGITS = r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)"
@@ -60,13 +73,44 @@ TEMPLATES = Environment(
 TEMPLATES.filters["latex"] = latex
 
 
+def works() -> dict[str, str]:
+    """Return the BibTeX entries of the thesis and the papers by key."""
+    text = (DOCS / "_templates" / "works.bib").read_text()
+    entries = text.strip().split("\n\n")
+    return {re.findall(r"{(\w+),", entry)[0]: entry for entry in entries}
+
+
+def work_of(name: str, notebook: str) -> str | None:
+    """Return the work to which a figure belongs; None for the user's own film."""
+    if "belt16" in name:
+        return "pfaff2016"
+    if notebook.startswith("60"):
+        return None
+    return "pfaff2020" if notebook.startswith("4") else "zhang2023"
+
+
 def render(template: str, **values: Any) -> str:
     """Return a template of docs/_templates/pages, filled in."""
     return TEMPLATES.get_template(template).render(values)
 
 
-def saved() -> dict[str, dict[str, Any]]:
-    """Return the saved figures and tables by id, as the templates show them."""
+@contextmanager
+def figures_in(folder: Path) -> Iterator[None]:
+    """Take figures, results and verdicts from a folder."""
+    before = os.environ.get("KILNFLIGHT_FIGURES", "")
+    os.environ["KILNFLIGHT_FIGURES"] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ["KILNFLIGHT_FIGURES"] = before
+
+
+def saved(files: str = "figures", record: Figures | None = None) -> Figures:
+    """Return the saved figures and tables by id, as the templates show them.
+
+    ``files`` is their place in the site, seen from a page; ``record`` are the results
+    of record.
+    """
     folder = paths.figures()
     found = {}
     cff = (paths.root() / "CITATION.cff").read_text()
@@ -79,18 +123,22 @@ def saved() -> dict[str, dict[str, Any]]:
             if (folder / f"{name}.{kind}").is_file()
         ]
         each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
+        each |= {"files": files, "record": (record or {}).get(name)}
         first = re.split(SENTENCE_END, entry["caption"], maxsplit=1)[0]
         each["title"] = first.rstrip(".")
         each["scale"] = origin["parameters"].get("scale", "full")
         each["commit"] = origin["commit"][:12] + origin["commit"][40:]
         each["page"] = f"{origin['notebook']}.html#{name}"
-        each["cited"] = {"BibTeX": render("bibtex", **each)}
+        each["work"] = work_of(name, origin["notebook"])
+        each["simulated"] = origin["mark"] == "simulated"
+        each["cited"] = {"BibTeX": render("bibtex", works=works(), **each)}
         if entry["kind"] == "picture":
-            each["cited"]["LaTeX"] = render("latex", **each)
             with Image.open(folder / f"{name}.png") as image:
-                shown = figures.SCREEN_DPI / image.info["dpi"][0]
-                each["width"] = round(shown * image.width)
-                each["height"] = round(shown * image.height)
+                inches = image.width / image.info["dpi"][0]
+                each["width"] = round(figures.SCREEN_DPI * inches)
+                each["height"] = round(each["width"] * image.height / image.width)
+            each["wide"] = 25.4 * inches > COLUMN_MM
+            each["cited"]["LaTeX"] = render("latex", **each)
         found[name] = each
     return found
 
@@ -118,15 +166,64 @@ def block(each: dict[str, Any]) -> str:
     return render("figure.html", table=table(each["name"]), **each)
 
 
-def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
-    """Return an executed notebook with folded code and linked figures, each once."""
-    notebook = nbformat.read(path, as_version=4)
-    cells = []
-    left = {
-        name
-        for name, each in known.items()
-        if each["provenance"]["notebook"] == path.stem
+def of_notebook(stem: str, known: Figures) -> set[str]:
+    """Return the ids of the figures and tables of a notebook."""
+    return {
+        name for name, each in known.items() if each["provenance"]["notebook"] == stem
     }
+
+
+def recorded(source: Path, known: Figures, ran: bool) -> nbformat.NotebookNode:
+    """Return a notebook with its results of record in the place of outputs.
+
+    ``ran`` says whether this run executed it, too.
+    """
+    notebook = jupytext.read(source)
+    notebook.metadata = {"language_info": {"name": "python"}}
+    stem = source.stem
+    own = of_notebook(stem, known)
+    commits = {known[name]["commit"][:12] for name in own}
+    title, rest = notebook.cells[0].source.split("\n", 1)
+    about = render("recorded.md", commits=sorted(commits), stem=ran and stem)
+    notebook.cells[0].source = f"{title}\n\n{about}\n{rest}"
+    for cell in notebook.cells:
+        if cell.cell_type != "code":
+            continue
+        named = re.findall(r'"([a-z0-9-]+)"', cell.source)
+        shown = [f"<figure id='{name}'>" for name in named if name in own]
+        if "figures.conclude(" in cell.source:
+            shown.append(figures.concluded(index.load()["notebooks"][stem]))
+        cell.outputs = [
+            new_output("display_data", {"text/html": each}) for each in shown
+        ]
+    return folded(notebook, own, known)
+
+
+def executed(
+    path: Path, known: Figures, scale: str, has_record: bool
+) -> nbformat.NotebookNode:
+    """Return a notebook as this run executed it, which leads to results of record."""
+    notebook = nbformat.read(path, as_version=4)
+    title, rest = notebook.cells[0].source.split("\n", 1)
+    if scale != "full":
+        for words in ("One number", "What disagrees"):
+            rest = rest.replace(f"**{words}.**", f"**{words}, at full scale.**")
+    about = render("run.md", stem=has_record and path.stem, scale=scale)
+    notebook.cells[0].source = f"{title} (this run)\n\n{about}\n{rest}"
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":  # equations of the page of record have these
+            cell.source = re.sub(r"\beq-(?=\d)", "run-eq-", cell.source)
+    if has_record:
+        notebook.metadata["orphan"] = True  # in no list of pages
+    return folded(notebook, of_notebook(path.stem, known), known)
+
+
+def folded(
+    notebook: nbformat.NotebookNode, own: set[str], known: Figures
+) -> nbformat.NotebookNode:
+    """Return a notebook with folded code and linked figures, each once."""
+    cells = []
+    left = set(own)
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.metadata["tags"] = ["hide-input"]
@@ -146,7 +243,7 @@ def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
     return notebook
 
 
-def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+def numbers(known: Figures) -> list[dict[str, Any]]:
     """Return the figures and tables of the works, each with those that show it."""
     rows = pd.read_csv(
         paths.reference() / "numbers.csv", dtype=str, keep_default_na=False
@@ -198,18 +295,70 @@ def counts(judged: pd.DataFrame) -> dict[str, int]:
     return {verdict: int(found.get(verdict, 0)) for verdict in claims.VERDICTS}
 
 
-def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
-    """Write the sources of the site and the thumbnails; return the reduced scales."""
-    known = saved()
-    concluded = index.load()["notebooks"]
+def write_pages(run: Path, pages: Path, small: Path) -> str:
+    """Write the sources of the site and the thumbnails; return its banner.
+
+    ``run`` is the folder of executed notebooks.
+    """
     (pages / "documents").mkdir(parents=True)
     small.mkdir()
-    notebooks = [
-        path for path in sorted(executed.glob("*.ipynb")) if path.stem in concluded
-    ]
-    for path in notebooks:
-        nbformat.write(page(path, known), pages / path.name)
-    stems = [path.stem for path in notebooks]
+    here = paths.figures()
+    record = paths.root() / "figures"
+    concluded = index.load()["notebooks"]
+    notebooks = {
+        path.stem: path
+        for path in sorted(run.glob("*.ipynb"))
+        if path.stem in concluded
+    }
+    banner = ""
+    if not (record / "index.json").is_file():
+        known = saved()
+        record = here
+        for stem, path in notebooks.items():
+            notebook = nbformat.read(path, as_version=4)
+            own = of_notebook(stem, known)
+            nbformat.write(folded(notebook, own, known), pages / path.name)
+        stems = [*notebooks]
+        scales = sorted({each["scale"] for each in known.values()} - {"full"})
+        if scales:
+            banner = (
+                f"No results of record are here (figures/). This is a run at scale "
+                f"{' and '.join(scales)}: little input, other numbers. Do not cite it."
+            )
+    else:
+        stems = write_both(notebooks, pages, here, record)
+    with figures_in(record):
+        write_front(pages, small, stems)
+    return banner
+
+
+def write_both(
+    notebooks: dict[str, Path], pages: Path, here: Path, record: Path
+) -> list[str]:
+    """Write a page of record and one of this run for each notebook; return all pages.
+
+    ``here`` are the figures of this run.
+    """
+    (pages / "run").mkdir()
+    with figures_in(record):
+        known = saved()
+        stems = [*index.load()["notebooks"]]
+        for stem in stems:
+            source = paths.root() / "notebooks" / f"{stem}.py"
+            notebook = recorded(source, known, stem in notebooks)
+            nbformat.write(notebook, pages / f"{stem}.ipynb")
+    of_run = saved("../figures" if here == record else "figures", known)
+    for stem, path in notebooks.items():
+        own = of_notebook(stem, of_run)
+        scale = max((of_run[name]["scale"] for name in own), default="full")
+        notebook = executed(path, of_run, scale, stem in stems)
+        nbformat.write(notebook, pages / "run" / path.name)
+    return sorted({*stems, *(f"run/{stem}" for stem in notebooks if stem not in stems)})
+
+
+def write_front(pages: Path, small: Path, stems: list[str]) -> None:
+    """Write all pages but those of notebooks, and the thumbnails."""
+    known = saved()
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
         top = path.stem in ("index", "api")
@@ -229,40 +378,49 @@ def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
             picture = image.convert("RGB")
             picture.thumbnail((240, 480))
             picture.save(small / f"{name}.webp", quality=60, method=6)
-    return sorted({each["scale"] for each in known.values()} - {"full"})
 
 
-def write_page(executed: Path, pages: Path, small: Path) -> list[str]:
+def write_page(run: Path, pages: Path, small: Path) -> str:
     """Write the source of a site of one notebook, as `write_pages` does for all."""
     pages.mkdir()
     small.mkdir()
-    (path,) = executed.glob("[0-9][0-9]_*.ipynb")
-    nbformat.write(page(path, saved()), pages / "index.ipynb")
-    return []
+    (path,) = run.glob("[0-9][0-9]_*.ipynb")
+    known = saved()
+    notebook = nbformat.read(path, as_version=4)
+    own = of_notebook(path.stem, known)
+    nbformat.write(folded(notebook, own, known), pages / "index.ipynb")
+    return ""
 
 
-def build(executed: Path, site: Path) -> None:
+def build(run: Path, site: Path) -> None:
     """Build the site under another name; it takes its place when it is whole."""
-    pages, small, fresh = (executed / name for name in ("pages", "thumbnails", "fresh"))
+    pages, small, fresh = (run / name for name in ("pages", "thumbnails", "fresh"))
     for folder in (pages, small, fresh):
         shutil.rmtree(folder, ignore_errors=True)
-    if (executed / "00_claims.ipynb").is_file():
-        scales = write_pages(executed, pages, small)
+    if (run / "00_claims.ipynb").is_file():
+        banner = write_pages(run, pages, small)
     else:
-        scales = write_page(executed, pages, small)
-    banner = ""
-    if scales:
-        banner = (
-            f"A reduced run (scale {' and '.join(scales)}): little input, other "
-            "numbers. Cite from make full only."
-        )
-    run_sphinx(pages, fresh, executed, banner)
+        banner = write_page(run, pages, small)
+    run_sphinx(pages, fresh, run, banner)
     shutil.copytree(small, fresh / "figures" / "thumbnails")
-    for path in paths.figures().iterdir():
-        if path.suffix in (".png", ".pdf", ".csv"):
-            shutil.copy(path, fresh / "figures")
+    here = paths.figures()
+    record = paths.root() / "figures"
+    if (pages / "run").is_dir():
+        copy_figures(record, fresh / "figures")
+        if here != record:
+            copy_figures(here, fresh / "run" / "figures")
+    else:
+        copy_figures(here, fresh / "figures")
     shutil.rmtree(site, ignore_errors=True)
     shutil.move(fresh, site)
+
+
+def copy_figures(source: Path, target: Path) -> None:
+    """Copy pictures and tables."""
+    target.mkdir(exist_ok=True)
+    for path in source.iterdir():
+        if path.suffix in (".png", ".pdf", ".csv"):
+            shutil.copy(path, target)
 
 
 def run_sphinx(pages: Path, fresh: Path, executed: Path, banner: str) -> None:
@@ -280,29 +438,70 @@ def run_sphinx(pages: Path, fresh: Path, executed: Path, banner: str) -> None:
         raise InputError(f"{first} (all: {executed}/site.log)")
 
 
-def readme() -> tuple[str, str]:
-    """Return README.md with the current results, and figures/README.md."""
+def readme() -> dict[Path, str]:
+    """Return README.md with the current results, and the pages of figures/."""
     listed, total = chapters()
+    known = saved()
+    for row in listed:
+        notebook = known[row["shown"]]["provenance"]["notebook"]
+        row["page"] = f"{notebook}.md#{row['shown']}"
     results = render("results.md", chapters=listed, total=total)
     first, *_, last = results.splitlines()
-    text = (paths.root() / "README.md").read_text()
-    found = re.fullmatch(f"(.*){first}.*{last}(.*)", text, re.S)
+    path = paths.root() / "README.md"
+    found = re.fullmatch(f"(.*){first}.*{last}(.*)", path.read_text(), re.S)
     if found is None:
         raise InputError(f"README.md: restore its lines {first!r} and {last!r}.")
     concluded = index.load()["notebooks"]
-    gallery = render("gallery.md", figures=saved(), notebooks=concluded)
-    return found[1] + results + found[2], gallery
+    pages = {path: found[1] + results + found[2]}
+    pages[paths.figures() / "README.md"] = render(
+        "gallery.md", figures=known, notebooks=concluded
+    )
+    for stem, entry in concluded.items():
+        own = [known[name] for name in sorted(of_notebook(stem, known))]
+        text = render("notebook.md", stem=stem, result=entry["result"], figures=own)
+        pages[paths.figures() / f"{stem}.md"] = text
+    return pages
+
+
+def cite(wanted: str) -> str:
+    """Return caption and citations of a figure or table by its id, or its beginning.
+
+    Raises
+    ------
+    InputError
+        If none or several fit; it names those that are near.
+    """
+    with figures_in(paths.root() / "figures"):
+        known = saved()
+    fitting = [name for name in known if name.startswith(wanted)]
+    if wanted in known:
+        fitting = [wanted]
+    if len(fitting) != 1:
+        near = fitting or difflib.get_close_matches(wanted, known, n=5, cutoff=0.4)
+        told = ", ".join(near) or "figures/README.md lists all"
+        raise InputError(f"no figure or table {wanted!r} alone; near: {told}.")
+    each = known[fitting[0]]
+    return "\n\n".join([fitting[0], each["caption"], *each["cited"].values()])
+
+
+def main(arguments: list[str]) -> None:
+    """Write README.md and the pages of figures/, print a citation, or build a site."""
+    if arguments == ["--readme"]:
+        pages = readme()
+        for path in paths.figures().glob("[0-9][0-9]_*.md"):
+            if path not in pages:
+                path.unlink()
+        for path, text in pages.items():
+            write_whole(path, text.encode())
+    elif arguments[0] == "--cite":
+        print(cite(arguments[1]))
+    else:
+        build(Path(arguments[0]), Path(arguments[1]))
+        print(f"site: read {arguments[1]}/index.html")
 
 
 if __name__ == "__main__":
     try:
-        if sys.argv[1:] == ["--readme"]:
-            for folder, text in zip(
-                (paths.root(), paths.figures()), readme(), strict=True
-            ):
-                write_whole(folder / "README.md", text.encode())
-        else:
-            build(Path(sys.argv[1]), Path(sys.argv[2]))
-            print(f"site: read {sys.argv[2]}/index.html")
+        main(sys.argv[1:])
     except InputError as error:
-        sys.exit(f"site: {error}")
+        sys.exit(f"{sys.argv[1].lstrip('-')}: {error}")

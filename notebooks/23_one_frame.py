@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The combined detector: grey values accept 6 of 87 clusters that have no keypoint
+# # The combined detector: grey values accept few clusters that have no keypoint
 #
 # **The work.** The thesis (section 3.1) compares keypoints of a picture with clusters
 # of a cloud. Local grey-value peaks and the difference from the frame before decide

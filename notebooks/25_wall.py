@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The wall: F1 is 0.97 at the crossing of two Gaussians, 0.96 with 40 mm more
+# # The wall: who is in the air, by the distance from the axis of the kiln
 #
 # **The work.** In the thesis (sections 3.2 and 5.1.4) MLESAC fits a cylinder to the
 # wall's points (Table 5.12). Distances of particles from its axis form two Gaussians

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Arrival time: one acceleration for all particles is accurate to 0.25 ms
+# # Arrival time: one acceleration for all particles of a material is accurate
 #
 # **The work.** A sorter sees particles until 150 mm before the belt's edge and must
 # predict when each arrives there. The 2020 paper (sections 4.1, 5.1 and 5.2) compares

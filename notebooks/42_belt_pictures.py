@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Pictures of the belt: tracked velocities are off by 11 mm/s (busiest frame, median)
+# # Pictures of the belt: what the tracker measures in them
 #
 # **The work.** The 2016 paper (sections II.B and IV.B) renders pictures of its
 # simulated belt. It finds particles as connected areas, calibrates by the belt's

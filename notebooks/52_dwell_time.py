@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Dwell time: medians are -0.11 to +0.03 s off, as flights leave the view or are lost
+# # Dwell time: measured beside true and printed, as flights leave the view
 #
 # **The work.** The thesis measures the time from the lance to landing or burning out
 # (section 5.3.1, Figs 5.18, 5.19, A.6). Wood chips land first; PE granules fly longest

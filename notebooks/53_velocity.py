@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Velocity by metre: medians of the first metre are off by -1.2 to +0.6 m/s
+# # Velocity by metre: measured beside true and printed
 #
 # **The work.** The thesis gives the mean velocity in depth within each metre from the
 # lance and the share of particles that pass it (section 5.3.1, Eq. 5.8, Figs 5.20 to

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Ignition: the test finds 73 % of the detected papers that burn
+# # Ignition: the test finds most of the detected papers that burn
 #
 # **The work.** The thesis finds no wood chip or PE granule that ignites in flight, as a
 # sum of difference images shows (section 5.3.2, Fig. 5.17). Particles whose grey value

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Simulated flights: seven of eight measured distributions differ from the simulated
+# # Simulated flights: most measured distributions differ from the simulated
 # ones
 #
 # **The work.** The thesis compares measured dwell times and velocities at 5 bar with

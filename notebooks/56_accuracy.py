@@ -1,6 +1,5 @@
 # %% [markdown]
-# # Accuracy: 72 % of the particles are measured, and the median error of their dwell
-# times is at most 0.06 s
+# # Accuracy: how many particles are measured, and how wrong
 #
 # **The work.** The thesis calls the regression "qualified" and finds the deficiencies
 # of the tracks "primarily caused by detection inaccuracies" (sections 5.2.3 and 5.2.4).

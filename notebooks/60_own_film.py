@@ -1,5 +1,5 @@
 # %% [markdown]
-# # A film of one's own: 41 % of the particles are found, 57 % of detections are false
+# # A film of one's own: what a run without settings finds
 #
 # **The work.** The thesis asks for one tool for recordings of one's own (section 6.2).
 #

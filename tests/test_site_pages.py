@@ -3,11 +3,13 @@ link.
 """
 
 import re
+import runpy
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import pandas as pd
 import pytest
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -80,6 +82,43 @@ def test_every_link_of_every_page_resolves(site, parsed):
         ):
             wrong.append(f"{page.relative_to(site)}: {link}")
     assert wrong == []
+
+
+def test_a_page_of_record_stands_beside_that_of_this_run(site, parsed):
+    published = PROJECT / "figures"
+    name = "table-5-11-detection"
+    page = site / "24_all_methods.html"
+    assert "run/24_all_methods.html" in parsed[page].targets
+    assert "../24_all_methods.html" in parsed[site / "run" / page.name].targets
+    for file in (f"{name}.csv", "detection-scores.png"):
+        recorded = (published / file).read_bytes()
+        assert (site / "figures" / file).read_bytes() == recorded
+        assert (site / "run" / "figures" / file).read_bytes() != recorded
+    first = pd.read_csv(published / f"{name}.csv", dtype=str)["tp"][0]
+    assert f"<td>{first}</td>" in page.read_text()
+    # A reduced run says so under its title and cites nothing.
+    text = (site / "run" / page.name).read_text()
+    assert "at scale quick" in text
+    assert "BibTeX" not in text
+    assert "BibTeX" in page.read_text()
+
+
+def test_without_results_of_record_this_run_is_shown_alone(
+    tmp_path, smoke, monkeypatch
+):
+    project = tmp_path / "project"
+    for part in ("notebooks", "data/reference"):
+        shutil.copytree(PROJECT / part, project / part)
+    shutil.copy(PROJECT / "CITATION.cff", project)
+    monkeypatch.setenv("KILNFLIGHT_ROOT", str(project))
+    monkeypatch.setenv("KILNFLIGHT_FIGURES", str(smoke / "figures"))
+    generate = runpy.run_path(str(PROJECT / "docs" / "generate.py"))
+    pages = tmp_path / "pages"
+    banner = generate["write_pages"](smoke / "build", pages, tmp_path / "small")
+    assert "No results of record" in banner
+    assert "scale quick" in banner
+    assert (pages / "24_all_methods.ipynb").is_file()
+    assert not (pages / "run").exists()
 
 
 def test_methods_lead_to_the_code(site):

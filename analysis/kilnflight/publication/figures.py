@@ -16,6 +16,7 @@ import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -238,9 +239,14 @@ def conclude(
     result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # a reduced run
     entry = {"result": result, "verdicts": rows, "choices": compared}
     index.write({}, "notebooks", provenance.notebook, entry)
-    body = f"<p>{html.escape(result)}</p>"
-    if rows:
-        table = pd.DataFrame(rows).join(claims.load()["bound"], on="id")
+    return HTML(concluded(entry))
+
+
+def concluded(entry: Mapping[str, Any]) -> str:
+    """Return a notebook's entry of the index as HTML: result, verdicts, choices."""
+    body = f"<p>{html.escape(entry['result'])}</p>"
+    if entry["verdicts"]:
+        table = pd.DataFrame(entry["verdicts"]).join(claims.load()["bound"], on="id")
         names = [
             "id",
             "published",
@@ -254,9 +260,10 @@ def conclude(
         body += shown.to_html(index=False, border=0)
     else:
         body += "No claim is tested here."
-    if compared:
-        table = pd.DataFrame(compared).drop(columns="data")
+    if entry["choices"]:
+        table = pd.DataFrame(entry["choices"])
         table["turns"] = table["turns"].map(" ".join)
+        table = table[["id", "quantity", "chosen", "other", "turns"]]
         table.columns = [
             "choice",
             "quantity",
@@ -268,7 +275,7 @@ def conclude(
             "<p>What no work prints (notebook 01), with ours and the other value:</p>"
         )
         body += table.to_html(index=False, border=0)
-    return HTML(f"<div class='concluded'>{body}</div>")
+    return f"<div class='concluded'>{body}</div>"
 
 
 def _drawn(

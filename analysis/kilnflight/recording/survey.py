@@ -146,7 +146,7 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
     depths = xyz[known & (xyz[:, 2] != 0), 2]
     depth = np.median(depths) if depths.size else np.inf
-    lines += _depth_lines(float(depth))
+    lines += _depth_lines(depth)
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
         lines.append(f"focal_length_px = {FOCAL_LENGTH_PX:.1f}  {question}")
@@ -228,7 +228,7 @@ def _follow(row: Any, col: Any, xyz: Any, known: Any) -> tuple[float, float]:
     z = np.abs(z)
     down = np.corrcoef(row[known], y / z)[0, 1]
     right = np.corrcoef(col[known], x / z)[0, 1]
-    return float(down), float(right)
+    return down, right
 
 
 def check_frame_fits(frame: Frame, where: str) -> None:
@@ -275,7 +275,7 @@ def _invalid(depth: Any) -> float | str:
         return "nan"
     values, counts = np.unique(depth, return_counts=True)
     most = counts.argmax()
-    value = float(values[most])
+    value = values[most]
     none = value == 0 or value < 0 < values[-1] or abs(value) >= LARGEST_DEPTH
     if none and counts[most] > SHARED * len(depth):
         return value
@@ -336,4 +336,4 @@ def _brightness(gray: Any, places: Any) -> float:
     inside = ((places >= 0) & (places < gray.shape[:2])).all(axis=1)
     if not inside.all():
         return 0.0
-    return float(gray[tuple(places.T)].mean())
+    return gray[tuple(places.T)].mean()

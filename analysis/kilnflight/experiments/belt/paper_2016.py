@@ -300,9 +300,9 @@ def _summarise(deviation: Array, seed: int) -> dict[str, float]:
     size = (_REPLICATES, len(known))
     drawn = np.random.default_rng(seed).integers(0, len(known), size)
     found = summarise_deviations(deviation)
-    found["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
+    found["absolute_q95"] = np.quantile(np.abs(known), 0.95)
     for name, values in _spreads(np.vstack([known, known[drawn]])).items():
-        found[name] = float(values[0])
+        found[name] = values[0]
         found[f"{name}_low"], found[f"{name}_high"] = percentiles(values[1:])
     return found
 

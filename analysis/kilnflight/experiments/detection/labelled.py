@@ -475,7 +475,7 @@ def best_threshold(table: pd.DataFrame) -> float:
     ``table`` is from `score_methods` of thresholds.
     """
     ranked = sum_counts(table, ["method"]).sort_values(["f1", "method"])
-    return float(ranked["method"].iloc[-1])
+    return ranked["method"].iloc[-1]
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:

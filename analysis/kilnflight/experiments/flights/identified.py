@@ -82,7 +82,7 @@ def regular_share(paths: pd.DataFrame) -> float:
         long["frame"].to_numpy(np.int64),
         long[["row", "col"]].to_numpy(),
     )
-    return float((found > Elimination.regularity).mean())
+    return (found > Elimination.regularity).mean()
 
 
 def seen_by_camera(
