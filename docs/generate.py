@@ -18,7 +18,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,21 @@ STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
 Figures = dict[str, dict[str, Any]]  # entries of the index by id
 LONGEST = 150  # rows of a table that a page shows
 SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
-FOUR_DIGITS = r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)"
+PAGE_PX = 736.0  # width of a table on a desk
+COUNTS = ("tp", "fp", "fn", "seconds_per_image")  # shown last
+ON_PAGE = {  # columns of tables that have too many
+    "absolute-difference": [
+        *("method", "subset", "f1", "f1_published", "f1_absolute"),
+        *("recall", "recall_absolute", "precision", "precision_absolute"),
+    ],
+    "choices": [
+        *("id", "not_printed", "chosen", "others", "decided_by", "verdicts_that_turn"),
+    ],
+    "table-5-4-background": [
+        *("model", "subset", "reading", "f1", "f1_published", "precision", "recall"),
+        *("recall_non_burning", "threshold"),
+    ],
+}
 
 
 def latex(text: str) -> str:
@@ -144,21 +158,79 @@ def saved(files: str = "figures", record: Figures | None = None) -> Figures:
 
 
 def table(name: str, folder: Path | None = None) -> str:
-    """Return a saved table as HTML, numbers with four digits.
+    """Return a saved table as HTML, printed beside ours, no wider than a page.
 
-    Rows of claims.csv have anchors.
+    Rows of claims.csv have anchors. What is left out stands in the CSV.
     """
     path = (folder or paths.figures()) / f"{name}.csv"
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
-    text = rows.head(LONGEST).to_html(index=False, border=0)
-    text = re.sub(FOUR_DIGITS, lambda found: f"{float(found[0]):.4g}", text)
+    shown = paired(rows[ON_PAGE.get(name, list(rows))].head(LONGEST))
+    left_out = [column for column in rows if column not in ON_PAGE.get(name, rows)]
+    while sum(map(widest, shown, shown.T.to_numpy())) > PAGE_PX:
+        left_out.append(shown.columns[-1])
+        shown = shown.iloc[:, :-1]
+    shown.columns = shown.columns.str.replace("_", " ").str.replace("tproc", "t-proc")
+    text = shown.to_html(index=False, border=0)
     text = re.sub(r"<td>(\d\d_\w+)</td>", r'<td><a href="\1.html">\1</a></td>', text)
     if name == "claims":
         text = re.sub(r"<tr>(\s*<td>)([\w-]+)<", r'<tr id="\2">\1\2<', text)
-    left = len(rows) - LONGEST
-    if left > 0:
-        text += f"<p>{left} more rows in the CSV.</p>"
+    more = []
+    if len(rows) > LONGEST:
+        more.append(f"{len(rows) - LONGEST} more rows")
+    if left_out:
+        more.append(", ".join(left_out).replace("_", " "))
+    if more:
+        text += f"<p>In the CSV alone: {'; '.join(more)}.</p>"
     return text
+
+
+def digits(cell: str, number: int) -> str:
+    """Return a number with so many digits, whole ones and other text as they are."""
+    if not re.fullmatch(r"-?\d+\.\d+(e-?\d+)?", cell):
+        return cell
+    value = float(cell)
+    return f"{value:.{number}g}" if abs(value) < 10**number else f"{value:.0f}"
+
+
+def paired(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with each printed value beside ours, and ours with its interval.
+
+    First come the columns that name a row, then those with a printed value, then
+    others; counts come last.
+    """
+    values = rows.map(digits, number=4)
+    bounds = {name: (f"{name}_low", f"{name}_high") for name in rows}
+    alone = next((name for name in ("error", "difference") if name in rows), None)
+    if alone:
+        bounds[alone] = ("low", "high")
+    for name, (low, high) in bounds.items():
+        if low in rows and high in rows:
+            ends = rows[[low, high]].map(digits, number=3)
+            interval = " [" + ends[low] + ", " + ends[high] + "]"
+            known = (rows[low] != "") & (rows[high] != "")
+            values[name] += interval.where(known, "")
+            values = values.drop(columns=[low, high])
+    printed = [name for name in values if f"{name}_published" in rows]
+    counts = [name for name in values if name in COUNTS]
+    first = min((values.columns.get_loc(name) for name in printed + counts), default=0)
+    if not printed:  # then counts are what is counted
+        counts = []
+        first = 0
+    keys = list(values)[:first]
+    columns = {name: values[name] for name in keys}
+    for name in printed:
+        columns[f"{name} printed"] = values[f"{name}_published"]
+        columns[f"{name} ours"] = values[name]
+    used = {*keys, *printed, *counts, *(f"{name}_published" for name in printed)}
+    columns |= {name: values[name] for name in values if name not in used}
+    return pd.DataFrame(columns | {name: values[name] for name in counts})
+
+
+def widest(name: str, cells: Sequence[str]) -> float:
+    """Return the width of a column in px; cells and titles break at spaces."""
+    texts = {name.replace("_", " "), *cells}
+    words = [word for text in texts for word in re.split(r"\s+|(?<=\w-)", text)]
+    return 10.0 + 7.1 * max(map(len, words), default=0)
 
 
 def block(each: dict[str, Any]) -> str:

@@ -149,7 +149,9 @@ def test_the_one_number_of_a_notebook_stands_in_its_tables(path, published, entr
 def test_no_title_holds_a_measured_number(path):
     """A reduced run has the same title, and other numbers."""
     title = re.match(r"# %% \[markdown\]\n# # (.*?)\n#\n", path.read_text(), re.S)[1]
-    printed = re.sub(r"(Eq\.|chapter) \d[.]\d|at 3 m\b", "", title)  # they stand in the works
+    printed = re.sub(
+        r"(Eq\.|chapter) \d[.]\d|at 3 m\b", "", title
+    )  # they stand in the works
     assert not re.search(r"\d+ ?(%|ms|mm|m/s|s\b|of\b)|\d[.]\d", printed), title
 
 

@@ -38,6 +38,9 @@ MACHINE = re.compile(r"(?<![\w.])/(?:tmp|home|root|usr)/.{0,60}|site-packages")
 OVERFLOW = (
     "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 )
+TABLES_TOO_WIDE = """() => [...document.querySelectorAll('figure.saved .wide')]
+    .filter(part => part.scrollWidth > part.clientWidth + 1)
+    .map(part => part.closest('figure').id)"""
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]
     .filter(part => part.getBoundingClientRect().right > innerWidth + 1)
     .slice(0, 3).map(part => part.tagName + '.' + part.className)"""
@@ -121,6 +124,31 @@ def test_without_results_of_record_this_run_is_shown_alone(
     assert not (pages / "run").exists()
 
 
+def test_printed_values_stand_beside_ours_with_their_intervals():
+    paired = runpy.run_path(str(PROJECT / "docs" / "generate.py"))["paired"]
+    saved = {
+        "method": "DBSCAN",
+        "tp": "12",
+        "f1": "0.61234567",
+        "f1_low": "0.5",
+        "f1_high": "0.71239",
+        "seconds": "2.0",
+        "f1_published": "0.6156",
+    }
+    shown = paired(pd.DataFrame([saved])).iloc[0].to_dict()
+    assert [*shown.items()] == [
+        ("method", "DBSCAN"),
+        ("f1 printed", "0.6156"),
+        ("f1 ours", "0.6123 [0.5, 0.712]"),
+        ("seconds", "2"),
+        ("tp", "12"),
+    ]
+    plain = {"fraction": "confetti", "error": "-1.25", "low": "-2.123", "high": ""}
+    shown = paired(pd.DataFrame([plain, plain | {"high": "3"}]))
+    assert shown["error"].tolist() == ["-1.25", "-1.25 [-2.12, 3]"]
+    assert list(shown) == ["fraction", "error"]
+
+
 def test_methods_lead_to_the_code(site):
     methods = (site / "documents" / "methods.html").read_text()
     asked = (PROJECT / "docs" / "methods.md").read_text().count("{py:obj}")
@@ -185,7 +213,7 @@ def look(page, path):
     page.set_viewport_size({"width": WIDE, "height": 900})
     page.goto(path.as_uri(), wait_until="load")
     broken, (unnamed, formulas, drawn) = page.evaluate(BROKEN), page.evaluate(COUNTED)
-    too_wide = []
+    too_wide = page.evaluate(TABLES_TOO_WIDE)
     for width in (WIDE, NARROW):
         page.set_viewport_size({"width": width, "height": 900})
         if page.evaluate(OVERFLOW) > 1:
