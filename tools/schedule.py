@@ -158,14 +158,17 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
     plan.build.mkdir(parents=True, exist_ok=True)
     write_whole(plan.build / "ran", b"")  # the pages are older now
     running: dict[Path, subprocess.Popen[bytes]] = {}
+    begun: dict[Path, float] = {}
     done = set[Path]()
     status = 0
+    print(f"{len(before)} notebooks{time_left(plan, waiting)}", flush=True)
     try:
         while running or (waiting and not status):
             ready = [source for source in waiting if before[source] <= done]
             if ready and not status and len(running) < plan.jobs:
                 waiting.remove(ready[0])
                 running[ready[0]] = _started(plan, ready[0])
+                begun[ready[0]] = time.monotonic()
                 continue
             time.sleep(POLL_S)
             for source, process in list(running.items()):
@@ -176,14 +179,31 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
                     if process.returncode == 0:
                         stamp = plan.build / f"{source.stem}.stamp"
                         write_whole(stamp, plan.stamp(source).encode())
-                        print(
-                            f"{len(done)} of {len(before)} notebooks done", flush=True
-                        )
+                        took = f"{time.monotonic() - begun[source]:.0f}"
+                        write_whole(seconds_of(plan, source), took.encode())
+                        left = time_left(plan, [*waiting, *running])
+                        told = f"{len(done)} of {len(before)} notebooks done{left}"
+                        print(told, flush=True)
     finally:  # an interruption leaves lines of processes that stop
         for process in running.values():
             process.send_signal(signal.SIGINT)
             process.wait()
     return status
+
+
+def seconds_of(plan: Plan, source: Path) -> Path:
+    """Return the file with the seconds that a notebook took last."""
+    return plan.build / f"{source.stem}.seconds"
+
+
+def time_left(plan: Plan, waiting: Sequence[Path]) -> str:
+    """Return about how long some notebooks take, by their last run; else nothing."""
+    files = [seconds_of(plan, source) for source in waiting]
+    if not files or not all(file.is_file() for file in files):
+        return ""
+    seconds = [float(file.read_text()) for file in files]
+    left = max(sum(seconds) / plan.jobs, *seconds, 0.0)
+    return f", about {left / 60:.0f} minutes left" if left > 90 else ", soon done"
 
 
 def _started(plan: Plan, source: Path) -> subprocess.Popen[bytes]:

@@ -119,3 +119,17 @@ def test_campaigns_come_before_those_that_take_their_tables(project, scale):
 def test_a_few_can_be_asked_for(project):
     write(*CAMPAIGNS)
     assert ran("standard", "--only", "52", "60") == ["60_early", "52_late"]
+
+
+def test_the_time_that_is_left_is_told_by_the_last_run(project, capsys):
+    assert ran() == ["02_one", "26_two", "00_claims"]
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first == "3 notebooks"  # nothing is known yet
+    assert others[-1] == "3 of 3 notebooks done"
+    for stem, seconds in zip(STEMS, (60, 240, 300), strict=True):
+        Path("build", "standard", f"{stem}.seconds").write_text(f"{seconds}")
+        Path("build", "standard", f"{stem}.stamp").unlink()
+    ran()
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "3 notebooks, about 10 minutes left"
+    assert told[1] == "1 of 3 notebooks done, about 6 minutes left"
