@@ -12,6 +12,7 @@ figures/README.md and into a page for each notebook beside it; ``--cite ID`` pri
 to cite a figure.
 """
 
+import ast
 import difflib
 import os
 import re
@@ -265,10 +266,33 @@ def recorded(source: Path, known: Figures, ran: bool) -> nbformat.NotebookNode:
         shown = [f"<figure id='{name}'>" for name in named if name in own]
         if "figures.conclude(" in cell.source:
             shown.append(figures.concluded(index.load()["notebooks"][stem]))
+        if ran and not shown and displays(cell.source):
+            shown.append(render("elsewhere.html", stem=stem))
         cell.outputs = [
             new_output("display_data", {"text/html": each}) for each in shown
         ]
     return folded(notebook, own, known)
+
+
+def displays(code: str) -> bool:
+    """Return whether a cell shows a value that it does not save."""
+    *_, last = ast.parse(code).body or [None]
+    if not isinstance(last, ast.Expr) or isinstance(last.value, ast.Constant):
+        return False
+    return not re.search(r"(save|conclude|append|insert)\(", ast.unparse(last))
+
+
+def linked(text: str, folder: str = "") -> str:
+    """Return Markdown in which a notebook is a link to its page in a folder."""
+    stems = {stem[:2]: stem for stem in index.load()["notebooks"]}
+
+    def link(found: re.Match[str]) -> str:
+        stem = stems.get(found[2])
+        if stem is None:
+            return found[0]
+        return f'{found[1]}<a href="{folder}{stem}.html">{found[2]}</a>'
+
+    return re.sub(r"(\bnotebooks? )(\d\d)\b", link, text)
 
 
 def executed(
@@ -296,6 +320,9 @@ def folded(
     """Return a notebook with folded code and linked figures, each once."""
     cells = []
     left = set(own)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = linked(cell.source)
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.metadata["tags"] = ["hide-input"]
@@ -420,9 +447,10 @@ def write_both(
             notebook = recorded(source, known, stem in notebooks)
             nbformat.write(notebook, pages / f"{stem}.ipynb")
     of_run = saved("../figures" if here == record else "figures", known)
+    usual = next((each["scale"] for each in of_run.values()), "full")
     for stem, path in notebooks.items():
         own = of_notebook(stem, of_run)
-        scale = max((of_run[name]["scale"] for name in own), default="full")
+        scale = next((of_run[name]["scale"] for name in own), usual)
         notebook = executed(path, of_run, scale, stem in stems)
         nbformat.write(notebook, pages / "run" / path.name)
     return sorted({*stems, *(f"run/{stem}" for stem in notebooks if stem not in stems)})
@@ -434,7 +462,9 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
     for path in DOCS.glob("*.md"):
         top = path.stem in ("index", "api")
-        shutil.copy(path, pages if top else pages / "documents")
+        folder = pages if top else pages / "documents"
+        text = linked(path.read_text(), "" if top else "../")
+        (folder / path.name).write_text(text)
     measured = paths.root() / "figures"  # make bench writes there, at one scale
     for name in ("benchmarks", "cost-by-step", "growth"):
         text = "<p>Not measured here.</p>"

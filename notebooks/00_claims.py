@@ -60,7 +60,13 @@ chapter = table["id"].str.split("-").str[0].map(chapters)
 counts = pd.crosstab(chapter, table["verdict"]).reindex(
     list(chapters.values()), fill_value=0
 )
-counts.reindex(columns=list(claims.VERDICTS), fill_value=0)
+counts = counts.reindex(columns=list(claims.VERDICTS), fill_value=0)
+figures.save(
+    "claims-by-chapter",
+    counts.rename_axis("chapter").reset_index(),
+    caption="Claims with each verdict, by chapter.",
+    provenance=origin,
+)
 
 # %% [markdown]
 # ## Why claims are not reproduced
@@ -68,7 +74,13 @@ counts.reindex(columns=list(claims.VERDICTS), fill_value=0)
 # docs/limits.md says what each cause means, such as "twin" (the simulation).
 
 # %%
-table.loc[table["verdict"] == "not reproduced", "because"].value_counts()
+failed = table[table["verdict"] == "not reproduced"]
+figures.save(
+    "claims-causes",
+    failed["because"].value_counts().reset_index(),
+    caption="Causes of claims that are not reproduced, and their number.",
+    provenance=origin,
+)
 
 # %% [markdown]
 # ## All claims

@@ -356,7 +356,7 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
             "picture so that the belt runs to the right, or set the belt's length and "
             "width."
         )
-    scale = mm.sum() / px.sum()
+    scale = float(mm.sum() / px.sum())
     return Calibration(
         matrix=np.asarray(matrix, np.float64),
         error_mm=scale * float(corners.spread_px.max()),

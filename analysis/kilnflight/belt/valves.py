@@ -37,7 +37,7 @@ class Separation(NamedTuple):
 
 
 def _mean(flags: Flags) -> float:
-    return flags.mean() if flags.size else np.nan
+    return float(flags.mean()) if flags.size else np.nan
 
 
 @dataclass(frozen=True)

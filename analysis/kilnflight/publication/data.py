@@ -220,7 +220,7 @@ def main(arguments: Sequence[str]) -> int:
             f"{' and '.join(failed)} cannot be fetched. Our own simulation stands in; "
             f"or set {FOLDERS[0]}."
         )
-        code = int("--optional" not in arguments)
+        code = "--optional" not in arguments
     print(f"authors' data: {told}", file=sys.stderr if code else sys.stdout)
     return code
 

@@ -244,7 +244,7 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     )
     if frame.labels is not None:
         check_shape(frame.labels, attributes.size, f"{where}: labels")
-        largest = int(frame.labels.max())
+        largest = frame.labels.max()
         check_number(largest, f"{where}: labels", most=len(LABELS) - 1)
     return frame
 
