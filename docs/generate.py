@@ -32,7 +32,7 @@ from nbformat.v4 import new_markdown_cell, new_output
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.publication import claims, figures, verdicts
+from kilnflight.publication import choices, claims, figures, verdicts
 from kilnflight.store import index, paths
 from kilnflight.store.cache import write_whole
 
@@ -558,6 +558,14 @@ def readme() -> dict[Path, str]:
     pages[paths.figures() / "README.md"] = render(
         "gallery.md", figures=known, notebooks=concluded
     )
+    asked = choices.load()
+    asked = asked[asked["decided_by"].isin(choices.UNDECIDED)].reset_index()
+    rows = asked.to_dict("records")
+    for row in rows:
+        row["not_printed"] = row["not_printed"].rstrip(".")
+        row["chosen"] = row["chosen"].rstrip(".")
+    pages[paths.root() / "docs" / "letter.md"] = render("letter.md", asked=rows)
+    pages[paths.root() / "codecheck.yml"] = render("codecheck.yml", figures=known)
     for stem, entry in concluded.items():
         own = [known[name] for name in sorted(of_notebook(stem, known))]
         text = render("notebook.md", stem=stem, result=entry["result"], figures=own)
