@@ -309,6 +309,7 @@ def executed(
     for cell in notebook.cells:
         if cell.cell_type == "markdown":  # equations of the page of record have these
             cell.source = re.sub(r"\beq-(?=\d)", "run-eq-", cell.source)
+    notebook.metadata["nosearch"] = True  # a number leads to its result of record
     if has_record:
         notebook.metadata["orphan"] = True  # in no list of pages
     return folded(notebook, of_notebook(path.stem, known), known)

@@ -375,7 +375,7 @@ changed
 
 # %%
 result = (
-    f"{statuses['published']} of {len(table)} inputs are published, "
+    f"{statuses['published']} of {statuses.sum()} inputs are published, "
     f"{statuses['fitted']} were fitted to printed numbers, {statuses['identified']} "
     f"are identified by one, {statuses['handbook']} are from other sources, "
     f"{statuses['assumption']} are assumptions."
