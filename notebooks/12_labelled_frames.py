@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Labelled frames: whoever has the authors' own runs chapter 5.1 on them here
+# # Labelled frames: chapter 5.1 on the authors' own, or on simulated ones
 #
 # **Not tested: the real archive.** Fifty labelled frames are public (thesis, section
 # 5.1.1). Our machines cannot fetch them, and no page that we could read describes their

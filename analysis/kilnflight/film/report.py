@@ -21,7 +21,7 @@ from kilnflight.scores.intervals import median_interval
 
 # Detections, and the tables of `kilnflight.chain.CHAIN_STEPS`.
 Tables = Mapping[str, pd.DataFrame]
-Rows = list[tuple[str, str]]  # a name, "note" or "warning", and what is told of it
+Rows = list[tuple[str, str]]  # a name, "note" or "warning", and a text
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
 

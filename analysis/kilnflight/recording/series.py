@@ -33,14 +33,8 @@ from kilnflight.recording.readers import (
 from kilnflight.store.cache import make_whole
 
 ENDINGS = (*PICTURES, *TEXTS, ".npy", ".mat", ".h5", ".hdf5")
-COUNTERS = (
-    "",
-    "f",
-    "frame",
-    "img",
-    "image",
-    "bild",
-)  # what stands before a frame's number
+# Words before the number of a frame, as in Frame0081 or, without one, in 0081.
+COUNTERS = ("", "f", "frame", "img", "image", "bild")
 MOST_CLASSES = 16  # a picture with more values is no label picture
 
 
