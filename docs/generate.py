@@ -200,6 +200,8 @@ def paired(rows: pd.DataFrame) -> pd.DataFrame:
     others; counts come last.
     """
     values = rows.map(digits, number=4)
+    quoted = [name for name in rows if "published" in name or "printed" in name]
+    values[quoted] = rows[quoted]  # as they stand in print
     bounds = {name: (f"{name}_low", f"{name}_high") for name in rows}
     alone = next((name for name in ("error", "difference") if name in rows), None)
     if alone:
