@@ -24,17 +24,21 @@ detector = "dog"  # round spots, or "otsu" for areas of any form
 # %%
 import io
 from contextlib import redirect_stdout
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
+from matplotlib.colors import to_rgb
 
 import kilnflight
 from kilnflight.film.pictures import pictures
-from kilnflight.film.spreading import diffusion, followed, speeds, square_displacements
+from kilnflight.film.spreading import followed, speeds, square_displacements
 from kilnflight.publication import figures, style
 from kilnflight.scores import rates, score_detections, score_tracks
 from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.store import paths
+from kilnflight.store.cache import make_whole
 
 style.use_style()
 FIRST = 600  # of 3,000 frames; there the air is full of shreds
@@ -128,6 +132,47 @@ figures.save(
     picture=drawn["tracks"],
 )
 
+# %% [markdown]
+# ## The tracks as a movie
+#
+# The movie own-film-tracks.mp4 shows each track with a tail of 20 frames.
+
+# %%
+TAIL = 20  # frames
+MOST_FRAMES = 150
+WIDTH_PX = 500
+palette = [tuple(255 * np.array(to_rgb(each))[::-1]) for each in style.COLOURS[1:]]
+dark, light = np.percentile(film.gray(0), (0.1, 99.9))
+
+
+def with_tails(t: int) -> np.ndarray:
+    """Return a frame in colours (blue, green, red) with the ends of its tracks."""
+    gray = np.interp(film.gray(t), (dark, light), (0, 255)).astype(np.uint8)
+    view = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
+    near = linked[linked["frame"].between(t - TAIL, t)]
+    for particle, tail in near.groupby("particle"):
+        line = tail[["col", "row"]].to_numpy().round().astype(np.int32)
+        colour = palette[particle % len(palette)]
+        cv2.polylines(view, [line], False, colour, thickness=3, lineType=cv2.LINE_AA)
+    cv2.putText(
+        view, mark, (10, len(view) - 15), cv2.FONT_HERSHEY_SIMPLEX, 1, 3 * [255]
+    )
+    height = round(WIDTH_PX * view.shape[0] / view.shape[1])
+    return cv2.resize(view, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+
+
+def write_movie(path: Path) -> None:
+    """Write the movie as VP9 in MP4, which browsers show."""
+    views = [with_tails(t) for t in range(min(len(film), MOST_FRAMES))]
+    size = views[0].shape[1::-1]
+    movie = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"vp09"), 20, size)
+    for view in views:
+        movie.write(view)
+    movie.release()
+
+
+make_whole(paths.figures() / "own-film-tracks.mp4", write_movie)
+
 # %%
 lengths = linked["particle"].value_counts()
 steps = speeds(linked)
@@ -148,6 +193,7 @@ figures.save(
 # ## Mean square displacement
 #
 # The mean drift is subtracted. Diffusion makes a straight line, flight a steeper curve.
+# No line is drawn where it would begin below zero.
 
 # %%
 spreading = square_displacements(linked)
@@ -156,8 +202,8 @@ shown = "Too few links for a mean square displacement."
 if name in drawn:
     caption = (
         "Mean square displacement of the tracks of a film, without the common drift. "
-        f"The line fits the first ten lags ({diffusion(spreading)[0]:.3g} px² a "
-        "frame); it means diffusion only where the points follow it."
+        "A line through the first ten lags shows diffusion. There is none where it "
+        "would begin below zero, as for flight."
     )
     known = {"caption": caption, "provenance": origin}
     shown = figures.save(
@@ -235,12 +281,14 @@ if not recording:
     right = detections.set_index(["frame", "row", "col"])["right"]
     judged = linked.join(right, on=["frame", "row", "col"])
     extent = judged.groupby("particle")[["row", "col"]].transform(np.ptp).max(axis=1)
-    shown = pd.crosstab(
+    kinds = pd.crosstab(
         (extent < 3).map({True: "rests", False: "moves"}),
         judged["right"].map({True: "right", False: "false"}),
         rownames=["track"],
         colnames=["detections"],
-    )
+    ).reset_index()
+    caption = "Detections in tracks that move or rest (within 3 px), right or false."
+    shown = figures.save("own-film-resting", kinds, caption=caption, provenance=origin)
 shown
 
 # %%

@@ -337,10 +337,8 @@ def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
         axes.loglog(curves["point"], curves[name], ls=line, label=f"k = {k}")
     for value in eps_mm:
         axes.axhline(value, color="0.7", lw=0.5, ls="-")
-        axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
+        axes.annotate(f"{value}", (1, value), va="bottom")
     axes.set(xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
     axes.legend()
     return picture
 

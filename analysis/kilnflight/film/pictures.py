@@ -79,10 +79,13 @@ def _spreading(displacements: pd.DataFrame) -> Figure:
     figure, ((axes,),) = style.canvas(width_mm=120)
     diffusing, error = diffusion(displacements)
     lag = displacements["lag"].to_numpy()
-    mean = displacements["square_px2"].to_numpy()
-    axes.plot(lag, mean, "o", ms=3, label="tracks, drift taken off")
+    axes.plot(lag, displacements["square_px2"], "o", ms=3, label="tracks, no drift")
+    line = 4 * (diffusing * lag + error)
     fitted = f"4 · {diffusing:.3g} px²/frame · lag {4 * error:+.3g} px²"
-    axes.plot(lag, 4 * (diffusing * lag + error), label=fitted)
+    if line[0] < 0:  # a mean square is not
+        line *= float("nan")
+        fitted = "not diffusive: a line would begin below 0"
+    axes.plot(lag, line, label=fitted)
     axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
     axes.legend()
     return figure
@@ -160,7 +163,7 @@ def preview(source: Any, **options: Any) -> Figure:
         height_mm=5.0 + height_mm * len(frames),
     )
     warnings = [text for what, text in rows if what == "warning"]
-    figure.suptitle("\n".join(warnings), fontsize=6, color=style.COLOURS[1])
+    figure.suptitle("\n".join(warnings), fontsize=7, color=style.COLOURS[1])
     for k, step in enumerate(PREVIEW_STEPS):
         threshold = step * (known.threshold or 0.0)
         detector = _with_threshold(run.detector, threshold)
@@ -169,7 +172,7 @@ def preview(source: Any, **options: Any) -> Figure:
             style.draw_frame(axes, recording.gray(t), 1)
             style.draw_circles(axes, found.iloc[:, 1:4].to_numpy(), style.COLOURS[1])
             title = f"frame {view.number - first}, threshold {threshold:.3g}"
-            axes.set_title(f"{title}: {len(found)}", fontsize=6)
+            axes.set_title(f"{title}: {len(found)}")
             axes.label_outer()
     return figure
 
