@@ -37,7 +37,7 @@ export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
 export OPENCV_FOR_THREADS_NUM ?= 1
 export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a frame's time
-.PHONY: all quick standard full notebooks film setup data test faults check cite bench dist clean help
+.PHONY: all quick standard full notebooks film setup data test faults check cite bench seeds dist clean help
 
 all: notebooks
 	@[ site/index.html -nt build/$(SCALE)/ran -a "$$(cat build/site 2> /dev/null)" = $(SCALE) -a -z "$$(find docs -newer site/index.html)" ] || { \
@@ -66,6 +66,11 @@ cite: $(VENV)/installed ## how to cite a figure or table of figures/: make cite 
 	@$(RUN) docs/generate.py --cite "$(FIGURE)"
 bench: $(VENV)/installed ## measure speed against peers, and growth, into figures/ (20 minutes)
 	@$(RUN) benchmarks/run.py
+seeds: $(VENV)/installed ## headline numbers of the kiln with seeds 1 and 2, into figures/ (two to four hours)
+	@for seed in 1 2; do echo "seed $$seed"; \
+	  KILNFLIGHT_FIGURES=$(CURDIR)/build/seed-$$seed/figures $(RUN) tools/schedule.py full --build build/seed-$$seed \
+	    --jobs $(JOBS) --only 20 24 32 50 52 53 54 00 --parameters seed=$$seed; done
+	@$(RUN) tools/seeds.py
 dist: $(VENV)/installed ## build wheel and source archive, into dist/
 	@rm -rf dist build/lib && $(RUN) -c "from setuptools import build_meta as b; b.build_sdist('dist'), b.build_wheel('dist')" > /dev/null
 clean: ## remove what make has made, but neither figures/ nor the fetched data

@@ -24,6 +24,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import jupytext
 import nbformat
 import pandas as pd
@@ -40,14 +41,23 @@ DOCS = Path(__file__).parent
 # By title: a pattern of work and place of its claims, numbers of the notebooks whose
 # results are shown, and a table to read first.
 CHAPTERS = {
-    "Detection": ("thesis (3|5[.]1|6)", ("24",), "detection-scores"),
+    "Depth calibration": ("thesis 2[.]1", ("02",), "eq-2-4-limits"),
+    "Backgrounds and detection": (
+        "thesis (3|5[.]1|6)",
+        ("20", "24"),
+        "detection-scores",
+    ),
     "Tracking": ("thesis (4[.]2|5[.]2)", ("32",), "table-5-17-tracking"),
-    "Regression": ("thesis 4[.]3", ("50",), "table-5-18-regression"),
-    "Flight": ("thesis (5[.]3[.]1|A)", ("52", "53"), "dwell-recovery"),
+    "Regression and flights": (
+        "thesis (4[.]3|5[.]3[.]1|A)",
+        ("50", "52", "53"),
+        "dwell-recovery",
+    ),
     "Ignition": ("thesis 5[.]3[.]2", ("54",), "ignition-recovery"),
     "Belt": ("belt-", ("40",), "fig-belt20-9-arrival"),
     "Misprints": ("misprint", ("00",), "errata"),
 }
+CAUSES = {"twin": "simulation", "data": "other data", "implementation": "ours differs"}
 COLUMN_MM = 90.0  # a wider picture spans two columns
 # Ids of figures have these between kind and number.
 STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
@@ -134,7 +144,7 @@ def saved(files: str = "figures", record: Figures | None = None) -> Figures:
         origin = entry["provenance"]
         kinds = [
             kind
-            for kind in ("png", "csv", "pdf")
+            for kind in ("png", "csv", "pdf", "mp4")
             if (folder / f"{name}.{kind}").is_file()
         ]
         each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
@@ -368,8 +378,8 @@ def numbers(known: Figures) -> list[dict[str, Any]]:
     return listed
 
 
-def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Return verdict counts and one result of each chapter, and all counts."""
+def chapters() -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Return verdicts and a result of each chapter, and verdicts of kiln and belt."""
     judged = verdicts.collect().join(claims.load()[["work", "where"]], on="id")
     where = judged["work"] + " " + judged["where"]
     concluded = index.load()["notebooks"]
@@ -388,13 +398,19 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
             "shown": shown,
         }
         rows.append(row | counts(part))
-    return rows, {"claims": len(judged), **counts(judged)}
+    kiln = judged["work"] == "thesis"
+    return rows, {"kiln": counts(judged[kiln]), "belt": counts(judged[~kiln])}
 
 
-def counts(judged: pd.DataFrame) -> dict[str, int]:
-    """Return the number of claims with each verdict, in the order of `VERDICTS`."""
-    found = judged["verdict"].value_counts()
-    return {verdict: int(found.get(verdict, 0)) for verdict in claims.VERDICTS}
+def counts(judged: pd.DataFrame) -> dict[str, Any]:
+    """Return the numbers of claims, of each verdict, and of causes of failures."""
+    verdict = judged["verdict"]
+    found = {each: int((verdict == each).sum()) for each in claims.VERDICTS}
+    failed = judged.loc[verdict == claims.NOT_REPRODUCED, "because"]
+    causes = {CAUSES.get(name, name): n for name, n in failed.value_counts().items()}
+    undecided = (judged["because"] == "choice") & (verdict == claims.OPEN)
+    more = {"causes": causes, "undecided": int(undecided.sum())}
+    return {"claims": len(judged), **found, **more}
 
 
 def write_pages(run: Path, pages: Path, small: Path) -> str:
@@ -476,13 +492,25 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
     (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
-    (pages / "verdicts.inc").write_text(render("verdicts.inc", chapters=chapters()[0]))
+    movie = next((each for each in known.values() if "mp4" in each["kinds"]), None)
+    seeds = table("headline-seeds") if "headline-seeds" in known else ""
+    shown = known.get("headlines")
+    front = render("front.inc", movie=movie, headlines=shown, seeds=seeds)
+    (pages / "front.inc").write_text(front)
+    listed_chapters, total = chapters()
+    (pages / "verdicts.inc").write_text(
+        render("verdicts.inc", chapters=listed_chapters, total=total)
+    )
     (pages / "thumbnails.inc").write_text(render("thumbnails.inc", numbers=listed))
     for name in {row["thumbnail"]["name"] for row in listed if row["thumbnail"]}:
         with Image.open(paths.figures() / f"{name}.png") as image:
             picture = image.convert("RGB")
             picture.thumbnail((240, 480))
             picture.save(small / f"{name}.webp", quality=60, method=6)
+    if movie:
+        film = cv2.VideoCapture(str(paths.figures() / f"{movie['name']}.mp4"))
+        film.set(cv2.CAP_PROP_POS_FRAMES, film.get(cv2.CAP_PROP_FRAME_COUNT) // 2)
+        cv2.imwrite(str(small / f"{movie['name']}-movie.webp"), film.read()[1])
 
 
 def write_page(run: Path, pages: Path, small: Path) -> str:
@@ -524,7 +552,7 @@ def copy_figures(source: Path, target: Path) -> None:
     """Copy pictures and tables."""
     target.mkdir(exist_ok=True)
     for path in source.iterdir():
-        if path.suffix in (".png", ".pdf", ".csv"):
+        if path.suffix in (".png", ".pdf", ".csv", ".mp4"):
             shutil.copy(path, target)
 
 

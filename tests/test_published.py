@@ -17,6 +17,8 @@ from kilnflight.store import index
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((PROJECT / "notebooks").glob("*.py"))
 
+LARGEST_MOVIE = 1_000_000  # bytes
+
 pytestmark = pytest.mark.published
 
 
@@ -44,10 +46,11 @@ def test_the_folder_holds_what_its_index_lists(published, entries):
     pictures = {name for name, entry in entries.items() if entry["kind"] == "picture"}
     assert {path.stem for path in published.glob("*.csv")} == set(entries)
     assert {path.stem for path in published.glob("*.png")} == pictures
-    assert (
-        max(path.stat().st_size for path in published.glob("*.png"))
-        <= figures.LARGEST_PNG
-    )
+    assert {path.stem for path in published.glob("*.pdf")} <= pictures
+    drawn = [*published.glob("*.png"), *published.glob("*.pdf")]
+    assert max(path.stat().st_size for path in drawn) <= figures.LARGEST
+    movies = [path.stat().st_size for path in published.glob("*.mp4")]
+    assert max(movies, default=0) <= LARGEST_MOVIE
 
 
 def test_captions_are_short(entries):
@@ -175,6 +178,19 @@ def test_readme_and_gallery_show_the_results(published):
     assert {*pages} >= {PROJECT / "README.md", *published.glob("*.md")}, hint
     for path, text in pages.items():
         assert text == path.read_text(), hint
+
+
+def test_links_of_the_pages_of_figures_lead_somewhere(published):
+    links = 0
+    for page in published.glob("*.md"):
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+            path, _, place = target.partition("#")
+            file = (page.parent / path).resolve() if path else page
+            assert file.is_file(), (page.name, target)
+            if place:
+                assert f"## {place}\n" in file.read_text(), (page.name, target)
+            links += 1
+    assert links > 100
 
 
 def test_the_belt_results_are_those_on_the_authors_data(published):

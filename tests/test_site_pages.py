@@ -38,6 +38,31 @@ MACHINE = re.compile(r"(?<![\w.])/(?:tmp|home|root|usr)/.{0,60}|site-packages")
 OVERFLOW = (
     "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 )
+CUT = """() => [...document.querySelectorAll('.wide, .cell_output, .concluded')]
+    .filter(part => part.scrollHeight > part.clientHeight + 1
+        && getComputedStyle(part).overflowY !== 'visible').length"""
+INK = """() => [...document.querySelectorAll('.admonition')]
+    .map(part => getComputedStyle(part).color)"""
+FAINT = """() => {
+    const numbers = text => text.match(/[0-9.]+/g).map(Number);
+    const light = ([r, g, b]) => [r, g, b].map(each => each / 255)
+        .map(each => each <= .04 ? each / 12.92 : ((each + .055) / 1.055) ** 2.4)
+        .reduce((sum, each, k) => sum + [.2126, .7152, .0722][k] * each, 0);
+    const behind = part => {
+        for (; part; part = part.parentElement) {
+            const colour = numbers(getComputedStyle(part).backgroundColor);
+            if (colour.length === 3) return colour;
+        }
+        return [255, 255, 255];
+    };
+    return [...document.querySelectorAll('p, td, th, figcaption, summary, h1, h2, pre')]
+        .filter(part => part.offsetParent && part.innerText.trim())
+        .filter(part => {
+            const ink = numbers(getComputedStyle(part).color);
+            const pair = [ink, behind(part)].map(light);
+            return (Math.max(...pair) + .05) / (Math.min(...pair) + .05) < 4;
+        }).slice(0, 3).map(part => part.tagName + ' ' + part.innerText.slice(0, 40));
+}"""
 TABLES_TOO_WIDE = """() => [...document.querySelectorAll('figure.saved .wide')]
     .filter(part => part.scrollWidth > part.clientWidth + 1)
     .map(part => part.closest('figure').id)"""
@@ -229,6 +254,45 @@ def test_pages_are_whole_and_set_and_fit_the_screen_and_pictures_have_words(
 ):
     assert {name: visit[what] for name, visit in visits.items() if visit[what]} == {}
     assert any(visit["formulas"] for visit in visits.values())
+
+
+SHOWN = (
+    "index.html",
+    "24_all_methods.html",
+    "run/24_all_methods.html",
+    "numbers.html",
+    "search.html",
+)
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_pages_print_whole_and_read_well_in_the_dark(site, browser, name):
+    page, problems = browser.new_page(), []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.goto((site / name).as_uri(), wait_until="load")
+    page.emulate_media(media="print")
+    assert page.evaluate(CUT) == 0
+    assert set(page.evaluate(INK)) <= {"rgb(0, 0, 0)"}
+    assert page.pdf().startswith(b"%PDF")
+    page.emulate_media(media="screen", color_scheme="dark")
+    assert page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
+    assert page.evaluate(FAINT) == []
+    page.close()
+    assert problems == []
+
+
+def test_the_movie_of_the_front_page_plays(site, browser):
+    page = browser.new_page()
+    page.goto((site / "index.html").as_uri(), wait_until="load")
+    seconds = page.locator("video").evaluate(
+        """async film => {
+            film.load();
+            await film.play();
+            return film.duration;
+        }"""
+    )
+    page.close()
+    assert seconds > 0.5
 
 
 def test_pages_are_light_and_nothing_leaves_the_disk(visits):

@@ -52,17 +52,15 @@ class Plan:
         Notebooks side by side.
     parameters
         ``name=value`` for all, ``NN.name=value`` for notebook NN.
+    build
+        Folder of the executed notebooks.
     """
 
     sources: Sequence[Path]
     scale: str
     jobs: int
     parameters: Sequence[str]
-
-    @property
-    def build(self) -> Path:
-        """Folder of the executed notebooks."""
-        return Path("build", self.scale)
+    build: Path
 
     def arguments(self, source: Path) -> list[str]:
         """Return the parameters of a notebook."""
@@ -223,9 +221,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", nargs="*", default=[], metavar="NN")
     parser.add_argument("--parameters", nargs="*", default=[], metavar="name=value")
+    parser.add_argument("--build", type=Path, help="folder (default: build/SCALE)")
     options = parser.parse_args(arguments)
     sources = sorted(Path("notebooks").glob("[0-9][0-9]_*.py"))
-    plan = Plan(sources, options.scale, options.jobs, options.parameters)
+    plan = Plan(
+        sources=sources,
+        scale=options.scale,
+        jobs=options.jobs,
+        parameters=options.parameters,
+        build=options.build or Path("build", options.scale),
+    )
     wanted = [
         each for each in sources if number(each) in options.only or not options.only
     ]

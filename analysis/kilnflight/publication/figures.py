@@ -1,7 +1,7 @@
 """Figures and tables, saved with caption and provenance; results of notebooks.
 
-`save` writes ``<id>.csv`` and, of a picture, ``<id>.png`` (full scale: also
-``<id>.pdf``, not tracked). Captions, provenance and verdicts of a folder stand in its
+`save` writes ``<id>.csv`` and, of a picture, ``<id>.png`` (full scale: also a small
+``<id>.pdf``). Captions, provenance and verdicts of a folder stand in its
 ``index.json``; caption and provenance also inside the PNG and the PDF. The same input
 gives the same bytes.
 """
@@ -36,7 +36,7 @@ from kilnflight.store import index, paths
 PNG_DPI = 300
 DRAFT_DPI = 150  # a reduced run's figures are not to be cited
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
-LARGEST_PNG = 300_000  # bytes
+LARGEST = 300_000  # bytes of a picture
 # Shares of the resolution and numbers of colours, tried until a PNG is small enough.
 REDUCTIONS = ((1.0, 256), (0.8, 128), (0.64, 64), (0.5, 64), (0.4, 32))
 # What a result depends on: the commit that last touched any of these made the figure.
@@ -301,13 +301,14 @@ def _drawn(
                 "CreationDate": None,  # the same input gives the same bytes
             }
             picture.savefig(pdf, format="pdf", metadata=metadata)
-            files[f"{identifier}.pdf"] = pdf.getvalue()
+            if pdf.tell() <= LARGEST:
+                files[f"{identifier}.pdf"] = pdf.getvalue()
     plt.close(picture)
     return files
 
 
 def _png(picture: Figure, texts: Mapping[str, str], draft: bool) -> bytes:
-    """Draw a PNG; resolution and colours fall until it has `LARGEST_PNG` bytes."""
+    """Draw a PNG; resolution and colours fall until it has `LARGEST` bytes."""
     info = PngInfo()
     for name, text in texts.items():
         info.add_text(name, text)
@@ -319,6 +320,6 @@ def _png(picture: Figure, texts: Mapping[str, str], draft: bool) -> bytes:
         few = image.quantize(colours, dither=Image.Dither.NONE)
         png = io.BytesIO()
         few.save(png, "PNG", optimize=not draft, dpi=(dpi, dpi), pnginfo=info)
-        if png.tell() <= LARGEST_PNG:
+        if png.tell() <= LARGEST:
             break
     return png.getvalue()
