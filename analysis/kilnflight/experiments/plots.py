@@ -185,7 +185,7 @@ def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
 
 
 def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw F1 by method with intervals, beside F1 in pixels and the published F1.
+    """Draw F1 by method with intervals, F1 in pixels above and published F1 below.
 
     Parameters
     ----------
@@ -203,13 +203,13 @@ def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
     axes.errorbar(f1, place, xerr=reach, fmt="ok", capsize=2, label=distance)
     axes.plot(
         table["f1_in_pixels"],
-        place,
+        place - 0.25,
         "s",
         mfc="none",
         color=COLOURS[2],
         label="in pixels",
     )
-    axes.plot(table["f1_published"], place, **PUBLISHED)
+    axes.plot(table["f1_published"], place + 0.25, **PUBLISHED)
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
@@ -248,7 +248,7 @@ def draw_class_recall(
                 bars[kind],
                 0.736 / len(kinds),
                 label=kind,
-                color=COLOURS[k + 1],
+                color=COLOURS[k + 2],
                 hatch=HATCHES[k],
             )
             if printed:
@@ -331,14 +331,16 @@ def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
 
     ``curves`` has ``point``, a rank, and a column ``distance_k_mm`` for each k.
     """
-    picture, ((axes,),) = canvas()
+    picture, ((axes,),) = canvas(height_mm=75)
     for name, line in zip(curves.columns[1:], LINES, strict=False):
         k = name.split("_")[1]
         axes.loglog(curves["point"], curves[name], ls=line, label=f"k = {k}")
     for value in eps_mm:
         axes.axhline(value, color="0.7", lw=0.5, ls="-")
-        axes.annotate(f"{value}", (1, value), va="bottom")
+        axes.annotate(f"eps {value} mm", (1, value), fontsize=6, va="bottom")
     axes.set(xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
     axes.legend()
     return picture
 

@@ -415,14 +415,6 @@ class SharedClusters:
         return self.known[key]
 
 
-def timed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
-    """Call a function twice; return its result and the seconds of the second call."""
-    function(*arguments)
-    begin = time.perf_counter()
-    result = function(*arguments)
-    return result, time.perf_counter() - begin
-
-
 def wall_points(subset: Subset) -> Array:
     """Return the points (n, 3) on the wall in mm, to fit the cylinder (Table 5.12).
 
