@@ -9,11 +9,11 @@
 # frames (Tables 5.2 to 5.14).
 #
 # **Here.** The frames that `KILNFLIGHT_LABELLED` names, or that `make data` fetched.
-# Without them simulated frames are written out and read back through the same door. The
-# functions are those of notebooks 20 to 25. A background is the median of the frames
-# that a subset has, ten if these alone are at hand. Table 5.7, of times, is left out.
+# Without them simulated frames are written out and read back by the same functions. The
+# methods are those of notebooks 20 to 25. A background is the median of the frames that
+# a subset has, ten if these alone are at hand. Table 5.7, of times, is left out.
 #
-# **One number.** There is no number yet: nobody has run it on the authors' frames.
+# **One number.** There is no number yet: it has not been run on the authors' frames.
 #
 # **What disagrees.** Unknown. Claims are judged here on the authors' frames alone, and
 # a verdict on them takes the place of that on the simulation. (With frames of yours
@@ -56,11 +56,11 @@ origin = figures.trace(
 )
 
 # %% [markdown]
-# ## Through the door
+# ## Reading the frames
 #
-# Without the authors' frames some of the simulation are left as a MATLAB user would
-# leave them. `kilnflight import` drafts the manifest below; the lines that the files do
-# not decide end with a question, and are answered here.
+# Without the authors' frames some of the simulation are written as MATLAB would write
+# them. `kilnflight import` drafts a manifest; the lines that the files do not decide
+# end with a question, and are answered here.
 
 
 # %%
@@ -92,9 +92,9 @@ if manifest is None:
 print(manifest.read_text())
 
 # %% [markdown]
-# ## What the set holds
+# ## Marked particles (Tables 5.2 and 5.3)
 #
-# Particles are pixels of one class that touch. Beside them Tables 5.2 and 5.3.
+# A particle is a group of pixels of one class that touch.
 
 # %%
 subsets = labelled.open_labelled(manifest)
@@ -121,6 +121,7 @@ figures.save("labelled-counts", counts, caption=caption, provenance=origin)
 #
 # The threshold of SIFT is that of Fig. 5.4, 500 grey values. Windows are as printed, or
 # as long as a subset; in a subset of four frames both frame differences are the same.
+# The scores stand in the table of all methods below.
 
 # %%
 detector = {"SIFT": labelled.from_foreground(labelled.sift())}
@@ -159,7 +160,7 @@ plots.draw_intervals(axes, scores)
 caption = (
     f"F1 of eleven methods on {frames} labelled frames ({source}) beside Table 5.11. "
     "Dots: scoring distance 45 px, with 95 % intervals over draws of frames; squares: "
-    "within a particle's pixels."
+    "within a particle's pixels; diamonds: printed."
 )
 figures.save(
     "labelled-scores",
@@ -180,7 +181,7 @@ caption = (
 figures.save("labelled-choices", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# Otsu's threshold and SIFT by subset (Tables 5.5 and 5.6):
+# ## Otsu's threshold and SIFT by subset (Tables 5.5 and 5.6)
 
 # %%
 parts = []
@@ -197,10 +198,9 @@ caption = (
 figures.save("labelled-pictures", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## The wall, and who is in the air (Tables 5.2 and 5.12 to 5.14)
+# ## The wall (Tables 5.2 and 5.12)
 #
-# A particle has 3D if a point lies in its pixels. Detections are those of SIFT with
-# DBSCAN.
+# A particle has 3D if a point lies in its pixels.
 
 # %%
 fit = wall.fit_cylinder(labelled.wall_points(subsets[0]), seed)
@@ -241,7 +241,7 @@ caption = (
 figures.save("labelled-depth", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Printed, these frames, simulated
+# ## All methods: printed, on these frames, simulated
 #
 # Intervals come from drawing frames anew within each subset. The simulated values are
 # those of notebooks 20 to 25 in this folder of figures, where they have run.
@@ -294,6 +294,11 @@ caption = (
     "simulation with 150 frames of background (empty until notebooks 20 to 24 ran)."
 )
 figures.save("labelled-frames", found, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Particles in the air (Tables 5.13 and 5.14)
+#
+# Detections are those of SIFT with DBSCAN.
 
 # %%
 parts = []
