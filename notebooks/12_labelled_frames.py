@@ -44,6 +44,7 @@ from kilnflight.recording import survey
 from kilnflight.scores import rates
 from kilnflight.store import paths
 
+style.use_style()
 manifest = data.labelled_manifest()
 given = [manifest] if manifest else []
 source = "yours" if given else "simulated"
@@ -286,7 +287,7 @@ for family, (number, stem, names) in families.items():
 found = pd.concat(parts, ignore_index=True)
 
 # %%
-columns = ["table", "row", "f1_published", "f1", "f1_low", "f1_high", "f1_simulated"]
+columns = ["table", "row", "f1", "f1_low", "f1_high", "f1_published", "f1_simulated"]
 found = found.assign(source=source)[["source", *columns]]
 caption = (
     f"F1 of every method of section 5.1 on {frames} labelled frames ({source}), with "
@@ -301,11 +302,10 @@ figures.save("labelled-frames", found, caption=caption, provenance=origin)
 # Detections are those of SIFT with DBSCAN.
 
 # %%
-parts = []
+parts = {}
 for name, spots in {"table_5.13": marked, "table_5.14": detected}.items():
-    table = summaries.beside_published(walls.classify(spots), name)
-    parts.append(table.assign(table=name))
-table = pd.concat(parts).assign(source=source)
+    parts[name] = summaries.beside_published(walls.classify(spots), name)
+table = pd.concat(parts, names=["table"]).reset_index("table").assign(source=source)
 caption = (
     f"Marked particles with 3D, and detections, classified as in the air ({source}), "
     f"after Tables 5.13 and 5.14: limit at {limit + 40:.0f} mm from the fitted axis."
@@ -322,7 +322,6 @@ figures.save("labelled-in-air", table, caption=caption, provenance=origin)
 # %%
 verdicts = []
 turned = []
-print(f"Subsets: {', '.join(sizes)}; frames: {source}.")
 if source == "authors":
     models = notebooks.borrow("20_backgrounds", seed=seed)
     pictures = notebooks.borrow("21_pictures", seed=seed, frames=10, subsets=subsets)
