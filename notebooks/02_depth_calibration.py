@@ -230,10 +230,11 @@ for name, fit in fits.items():
 # %%
 caption = (
     "Median depth minus true distance of the simulated plate, before calibration and "
-    "after Eq. 2.4 (printed) and three fits to the plate: free to jump, continuous, "
+    "after Eq. 2.4 and three fits to the plate: free to jump, continuous, "
     f"and continuous through the medians; {points} points at each distance."
 )
-figures.save("plate-errors", errors.round(1) + 0.0, caption=caption, provenance=origin)
+table = errors.rename(columns={"printed_mm": "eq_2_4_mm"}).round(1) + 0.0
+figures.save("plate-errors", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 picture, ((axes,), (below,)) = style.canvas(
@@ -276,7 +277,8 @@ between = np.arange(1000.0, 11001.0, 10.0)
 seen = np.interp(between, 1000.0 * metres, medians)
 largest = {name: np.abs(fit(seen) - between).max() for name, fit in fits.items()}
 faults = pd.DataFrame(
-    {name: fit.jumps() for name, fit in fits.items()}, ["at_3_m_mm", "at_5_m_mm"]
+    {name: fit.jumps() for name, fit in fits.items()},
+    ["step_at_3_m_mm", "step_at_5_m_mm"],
 ).T
 faults["falls_over_mm"] = [
     np.ptp(fit.falling(1300.0, 11000.0)) for fit in fits.values()

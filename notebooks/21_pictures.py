@@ -83,6 +83,7 @@ table = summaries.beside_published(of_sift, "table_5.6")
 table["threshold_published"] = table["subset"].map(
     printed["dog_local_max"].drop("Total")
 )
+table.insert(0, "subset", table.pop("subset"))  # the row's name is first
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %% [markdown]

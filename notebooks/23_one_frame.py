@@ -74,7 +74,8 @@ panels[0].set_ylabel("row (px)")
 around = (left, right, top, bottom)
 panels[1].contour(flame, levels=[0.5], colors=style.COLOURS[1], extent=around)
 caption = (
-    "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
+    "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4: "
+    "grey values (left), and the outline of the flame (right, orange)."
 )
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
 

@@ -290,7 +290,7 @@ table[printed_rates] = table[printed_rates].where(table["subset"] == "Total")
 caption = (
     "Eleven methods after a difference from the median background that stops at zero, "
     f"and after an absolute one, by subset and in total, beside Table 5.11; {images} "
-    "labelled frames. Threshold of SIFT in grey values."
+    "labelled frames. The CSV has the threshold of SIFT in grey values."
 )
 figures.save("absolute-difference", table, caption=caption, provenance=origin)
 
