@@ -133,7 +133,7 @@ for subset, model in [(each, model) for each in subsets for model in background.
 of_models = pd.concat(of_models, ignore_index=True)
 
 # %% [markdown]
-# ## All methods (Tables 5.5 to 5.11)
+# ## Eleven methods (Table 5.11)
 #
 # The threshold of SIFT for a subset is the best one on the others (section 5.1.3).
 # Four readings of what is not printed stand beside ours; notebook 24 says which.
