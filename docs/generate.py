@@ -491,7 +491,10 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
             text = table(name, measured)
         (pages / "documents" / f"{name}.inc").write_text(text)
     listed = numbers(known)
-    (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
+    tables = (row["label"] for row in listed if row["kind"] == "Table")
+    place = next(tables).lower().replace(" ", "-").replace(".", "-")
+    text = render("numbers.md", numbers=listed, first_table=place)
+    (pages / "numbers.md").write_text(text)
     movie = next((each for each in known.values() if "mp4" in each["kinds"]), None)
     seeds = table("headline-seeds") if "headline-seeds" in known else ""
     shown = known.get("headlines")

@@ -60,8 +60,8 @@ chapters = {
 # ## Headline numbers: printed beside ours
 #
 # Velocity, dwell time and ignition were put into the simulation; they come out again
-# where the method measures well. alpha says how near tracks are to true ones, from 0 to
-# 1. A number of a notebook that did not run is missing.
+# where the method measures well. alpha, from 0 to 1, says how near tracks are to true
+# ones. A number of a notebook that did not run is missing.
 
 
 # %%
