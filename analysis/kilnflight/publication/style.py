@@ -59,7 +59,7 @@ THIN_BOX = {
 BOXES: dict[str, Any] = {  # arguments of `Axes.boxplot` and `Axes.bxp`
     "manage_ticks": False,
     "patch_artist": True,
-    "medianprops": {"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},
+    "medianprops": {"color": "black", "linewidth": 2.0, "linestyle": "-"},
     "whiskerprops": THIN,
     "capprops": THIN,
 }
