@@ -11,10 +11,10 @@
 # predicted over the last 150 mm of the belt as in notebook 40. Where these are not at
 # hand, a friction model stands in.
 #
-# **One number.** Mean lateral velocity of cuboids: 0 mm/s printed, 0.14 mm/s here.
+# **One number.** Mean lateral velocity of cuboids: 0 mm/s printed, -0.09 mm/s here.
 #
 # **What disagrees.** Forbidding changes of sign does improve the prediction of cuboids:
-# the mean absolute error of LV-DSC is 14 % below that of CA-CA.
+# the mean absolute error of LV-DSC is 0.26 mm, that of CA-CA 0.30 mm.
 
 # %% tags=["hide-input"]
 from functools import partial
@@ -60,7 +60,7 @@ for name, table in tracks.items():
 samples = pd.concat(parts).rename(columns={"x": "x_mm"})
 
 # %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=50)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, sharey=True)
 for axes, steps in zip(panels, parts, strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, track in steps.groupby("particle"):
@@ -75,7 +75,8 @@ _ = panels[0].set_ylabel("velocity across the belt (m/s)")
 # %%
 caption = (
     "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of "
-    "the 2020 paper. Velocities above 0.13 m/s are cut off."
+    "the 2020 paper. A line is a particle; colours only tell them apart. Velocities "
+    "above 0.13 m/s are cut off."
 )
 save("fig-belt20-8-lateral-velocity", samples, caption=caption, picture=picture)
 
@@ -139,8 +140,8 @@ save("belt-lateral-motion", moves, caption=caption)
 # %% [markdown]
 # ## Deviation of the lateral position
 #
-# Two combinations with the same lateral model differ only in the time that the particle
-# takes.
+# A combination is named after its arrival model and its lateral model. Two with the
+# same lateral model differ only in the time that the particle takes.
 
 # %%
 draws = paper_2020.CALIBRATION_DRAWS[scale]
@@ -165,12 +166,19 @@ columns = [
 save("belt-lateral", lateral[columns], caption=caption)
 
 # %%
-label = {source: "predicted minus true position (mm)"}
-picture = paper_2020.draw_deviations(compared, "source", label, 58, 60)
+is_narrow = compared["model"].isin(["CA-CA", "LV-DSC", "IA-CA", "IA-Ratio"])
+narrow = compared[is_narrow].assign(source="narrow")
+label = "predicted minus true\nlateral position (mm)"
+picture = paper_2020.draw_deviations(
+    pd.concat([compared, narrow]), "source", {source: label, "narrow": label}, 115, 60
+)
+for axes in picture.axes[:3]:
+    for place in np.flatnonzero(is_narrow[: len(COMBINATIONS)]):
+        axes.texts[place].set_visible(False)  # the row below has these widths
 caption = (
     "Deviation of the lateral position, after Fig. 10 of the 2020 paper: box plots "
-    "without outliers, with the widths of the boxes in mm. Names: arrival model, "
-    "lateral model."
+    "without outliers, with the widths of the boxes in mm. Below: four combinations "
+    "enlarged. Names: arrival model, lateral model."
 )
 save("fig-belt20-10-lateral", lateral, caption=caption, picture=picture)
 
@@ -216,6 +224,9 @@ save("belt-lateral-differences", paper_2020.with_unit(pairs, "mm"), caption=capt
 
 # %% [markdown]
 # ## Sentences of the paper
+#
+# Orders of combinations are judged by the differences above; as "measured" stands that
+# of the MAE. Negative: the claimed order is reversed.
 
 # %%
 of_spheres = moves[moves["data_set"] == "spheres"].set_index("quantity")
@@ -237,6 +248,8 @@ def judge(lateral, pairs):
     mae = wide["mae_mm"]
     iqr = wide["iqr_mm"]
     holds = {claim: paper_2020.holds(pairs, claim) for claim in orders}
+    excess = pairs.query("measure == 'MAE'").pivot_table("excess", "data_set", "id")
+    excess = excess.loc[[*DATA_SETS]]
     worst = claims.all_of(*holds["belt20-7"])
     gain = 1 - mae["LV-DSC"] / mae["CA-CA"]
     gain_iqr = 1 - iqr["LV-DSC"] / iqr["CA-CA"]
@@ -254,16 +267,16 @@ def judge(lateral, pairs):
     if of_cylinders is not None:
         of_cylinders = not of_cylinders
     best = claims.all_of(*best, of_cylinders)
-    straight_on = "MAE of Straight (mm); MAE and IQR must agree."
-    accelerated = "MAE of CA-CA (mm); MAE and IQR must agree."
+    straight_on = "MAE of Straight less the next (mm); the IQR must agree."
+    accelerated = "MAE of CV-CV less CA-CA's (mm); the IQR must agree."
     below = "Share of the MAE of CA-CA that LV-DSC saves; the IQR must agree."
-    by_ratio = "MAE of IA-Ratio (mm); MAE and IQR must agree."
+    by_ratio = "Best other MAE less IA-Ratio's (mm); the IQR must agree."
     line = "R2 of a line, cuboids; they must lose a larger share of speed than spheres."
     return [
-        claims.check("belt20-7", worst, mae["Straight"], straight_on),
-        claims.check("belt20-8", two, mae["CA-CA"], accelerated),
+        claims.check("belt20-7", worst, excess["belt20-7"], straight_on),
+        claims.check("belt20-8", two, excess["belt20-8"], accelerated),
         claims.check("belt20-9", no_gain, gain, below),
-        claims.check("belt20-10", best, mae["IA-Ratio"], by_ratio),
+        claims.check("belt20-10", best, excess["belt20-10"], by_ratio),
         claims.check("belt20-19", linear, r2, line),
     ]
 
@@ -271,10 +284,9 @@ def judge(lateral, pairs):
 verdicts = judge(lateral, pairs)
 
 # %% [markdown]
-# ## What the paper does not print
-#
-# **B2** and **B3** are those of notebook 40: the arrival 15 mm upstream, and a jitter
-# of 0.02 µm on positions at 1000 Hz.
+# The paper does not print two things that matter here. **B2** and **B3** are those of
+# notebook 40: the arrival 15 mm upstream, and a jitter of 0.02 µm on positions at 1000
+# Hz.
 
 # %%
 fast = paper_2020.resample_observed(tracks, observed)
