@@ -52,16 +52,21 @@ bodies = paper_2020.resample(coarse, paper_2016.TRUTH_HZ)
 pictures = Pictures(bodies, BULKS["spheres"], seed)
 pictured = paper_2016.track_pictures(pictures)
 calibration, spots, followed = pictured
-print(
-    f"{len(pictures)} pictures, {len(spots)} spots; corners found to "
-    f"{calibration.error_mm:.3f} mm"
+found = pd.DataFrame({"pictures": [len(pictures)], "spots": [len(spots)]})
+found["corners_off_mm"] = calibration.error_mm
+found["mm_per_px"] = calibration.mm_per_px
+caption = (
+    "What the tracker finds: number of pictures and of spots in them, how far the "
+    "belt's corners lie from their places after the calibration, and its scale."
 )
+figures.save("belt-calibration", found, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## One picture
 #
 # Two particles that touch are one spot, at their common centroid. The paper names the
-# case and prints no remedy; both tracks are then missed. A spot above the belt appears
+# case and prints no remedy. A track that follows such a spot may have a wrong velocity
+# for some frames. A spot above the belt appears
 # farther from the middle than it is: 0.5 mm for a centre at 2.5 mm height and 20 cm
 # from the middle.
 
@@ -193,7 +198,7 @@ picture, ((axes,),) = style.canvas(width_mm=110, height_mm=95)
 axes.imshow(whole, cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
-        axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
+        axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=6)
 column = m + np.arange(n)
 taken = costs.taken(pairs)
 column[pairs[0][taken]] = pairs[1][taken]
