@@ -71,8 +71,25 @@ ON_PAGE = {  # columns of tables that have too many
         *("method", "subset", "f1", "f1_published", "f1_absolute"),
         *("recall", "recall_absolute", "precision", "precision_absolute"),
     ],
+    "belt-filters": [
+        *("filter", "approach", "quantity", "median", "iqr", "absolute_q95"),
+        *("belt16-5", "belt16-7", "belt16-10"),
+    ],
+    "belt-real-models": [
+        *("data_set", "filter", "quantity", "model", "n", "left_out"),
+        *("median", "iqr", "mae"),
+    ],
     "choices": [
         *("id", "not_printed", "chosen", "others", "decided_by", "verdicts_that_turn"),
+    ],
+    "fig-belt16-6-deviations": [
+        *("material", "data", "approach", "quantity", "n"),
+        *("median", "median_low", "median_high", "iqr", "iqr_low", "iqr_high"),
+        "absolute_q95",
+    ],
+    "fig-belt20-9-arrival": [
+        *("data_set", "model", "n", "median_ms", "q25_ms", "q75_ms", "iqr_ms"),
+        *("mae_ms", "beyond_belt_percent"),
     ],
     "table-5-4-background": [
         *("model", "subset", "reading", "f1", "f1_published", "precision", "recall"),

@@ -116,9 +116,9 @@ save("belt-arrival", arrival[[*arrival.columns[:7], "mae_ms"]], caption=caption)
 # Constant velocity (CV) predicts too late and would hide the others, so the figure
 # leaves it out. Spheres come later than CA and CALV (limited velocity) predict: they
 # stop sliding within the phase, and both models let them slide on. IA is calibrated by
-# other spheres, so it has no such bias. Claim belt20-12 has the share of particles that
-# CA predicts to be faster than the belt, at the last observation or at the target (Eq.
-# 5).
+# other spheres, so it has no such bias. The last column of the table is the share of
+# particles that CA predicts to be faster than the belt, at the last observation or at
+# the target (Eq. 5).
 
 # %%
 beyond = paper_2020.beyond_belt(observed, PHASE)
