@@ -85,9 +85,9 @@ def draw_flight(axes: Axes, flight: pd.Series, track: pd.DataFrame, fit: Fit) ->
     draw(track[["x", "y", "z"]], ".", "detections", color="0.65", ms=2)
     draw(unlit, "-k", "unlit", lw=1.0)
     draw(burning, "-", "burning", lw=2.6, color=style.COLOURS[3])
-    draw(lance, "x", "lance", ms=6, mew=1.6, color=style.COLOURS[1])
+    draw(lance, "x", "lance", ms=6, mew=1.6, color="red")
     ending = flight["ending"]
     mark = {LANDED: "sk", BURNT_OUT: "ok"}[ending]
     draw(straight_on(fit, end_s), mark, f"end: {ending}", mfc="white")
     label = f"dwell time {flight['dwell_s']:.2f} s"
-    axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
+    axes.text(0.03, 0.05, label, transform=axes.transAxes)
