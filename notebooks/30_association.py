@@ -19,11 +19,9 @@ seed = 0  # of the scatter of the flight in Fig. 4.2
 # %%
 from functools import partial
 from itertools import pairwise, product
-from time import perf_counter
 
 import numpy as np
 import pandas as pd
-from filterpy.kalman import KalmanFilter
 from matplotlib.patches import Ellipse
 from scipy.spatial.distance import cdist
 
@@ -32,7 +30,7 @@ from kilnflight.experiments import plots
 from kilnflight.publication import figures, style
 from kilnflight.scores import score_detections
 from kilnflight.tracking import tracker
-from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate
+from kilnflight.tracking.filter import Detected, Gate
 
 style.use_style()
 origin = figures.trace("30_association", {"scale": scale}, seed=seed, mark="example")
@@ -51,7 +49,7 @@ def draw_gate(axes, place, height, width):
 # px) are predicted with standard deviations of 4 px across and 6 px along the flight.
 # D1 belongs to track 1, D2 to track 2, and N1 is clutter. In the crowd D2 is the
 # nearest detection of both tracks. Lines in the picture are as wide as their weights.
-# Diamonds mark the predictions and detections averaged by their weights (Eq. 2.53). A
+# Triangles mark the predictions and detections averaged by their weights (Eq. 2.53). A
 # track without a line stays.
 
 
@@ -61,10 +59,12 @@ def draw_panel(axes, tracks, detections, beta):
         draw_gate(axes, place, height=24, width=36)  # three standard deviations
         for weight, detection in zip(beta[i, 1:], detections, strict=True):
             plots.draw_places(axes, [place, detection], "k-", lw=4 * weight)
-    plots.draw_places(axes, tracks, "ow")
-    plots.draw_places(axes, detections, "sb")
-    plots.draw_places(axes, beta[:, :1] * tracks + beta[:, 1:] @ detections, "Dy")
-    axes.set(aspect="equal", ylim=(40, -14))
+    means = beta[:, :1] * tracks + beta[:, 1:] @ detections
+    plots.draw_places(axes, tracks, "ow", label="predicted")
+    plots.draw_places(axes, detections[:2], "sb", label="detected")
+    plots.draw_places(axes, detections[2:], "Xr", label="clutter")
+    plots.draw_places(axes, means, "^y", label="weighted mean")
+    axes.set(aspect="equal", xlim=(-34, 20), ylim=(40, -14))
 
 
 # %%
@@ -76,7 +76,9 @@ situations = {  # row of T2; D1, D2 and N1
 names = ("NN", "GNN", "PDA", "JPDA")
 spread = np.diag([16.0, 36.0])
 rows = []
-picture, grid = style.canvas(4, 3, sharex=True, sharey=True, height_mm=140)
+picture, grid = style.canvas(
+    4, 3, sharex=True, sharey=True, width_mm=110, height_mm=150
+)
 for panels, (case, (second, places)) in zip(grid.T, situations.items(), strict=True):
     tracks = np.array([[0.0, 0.0], [second, 0.0]])
     detections = np.array(places, float)
@@ -86,6 +88,8 @@ for panels, (case, (second, places)) in zip(grid.T, situations.items(), strict=T
         beta[pairs.track, 1 + pairs.detection] = associator(pairs)
         beta[:, 0] = 1.0 - beta.sum(axis=1)
         draw_panel(axes, tracks, detections, beta)
+        axes.annotate("T1", (-32, 2))
+        axes.annotate("T2", (-32, second + 2))
         axes.set_title(f"{name}, {case}")
         for (i, j), weight in np.ndenumerate(beta):
             row = {"situation": case, "associator": name, "track": f"T{i + 1}"}
@@ -96,9 +100,11 @@ weights = pd.DataFrame(rows)
 # %%
 grid[3, 1].set_xlabel("column (px)")
 grid[1, 0].set_ylabel("row (px)")
+entries = grid[0, 0].get_legend_handles_labels()
+picture.legend(*entries, loc="outside upper center", ncols=4)
 caption = (
-    "Two tracks, their gates and four associators, after Figs 2.20 to 2.22; hand-made. "
-    "Circles: predictions; squares: detections and clutter; diamonds: weighted means."
+    "Two tracks T1 and T2, their gates (ellipses) and four associators, after Figs "
+    "2.20 to 2.22; hand-made. Lines are as wide as the weight of a detection."
 )
 save("fig-2-20-associations", weights, picture=picture, caption=caption)
 
@@ -133,48 +139,22 @@ for k, each in enumerate(held, 1):
 table["events"] = len(events)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=100)
-shown = table[[*table.filter(like="event_"), "joint", "independent"]]
-axes.imshow(shown, cmap="gray_r", vmax=1)
-axes.set_xticks(range(13), [*range(1, 12), "joint", "alone"])
-axes.set_yticks(range(10), table["track"] + ", " + table["detection"])
-axes.set_xlabel("event")
+picture, ((axes,),) = style.canvas(width_mm=140, height_mm=80)
+shares = table[["joint", "independent"]]
+shown = table.filter(like="event_").join(shares)
+axes.pcolormesh(shown, cmap="gray_r", vmax=1, ec="0.6")
+for (k, column), share in np.ndenumerate(shares):
+    axes.annotate(f"{share:.2f}", (11.5 + column, k + 0.5), ha="center", va="center")
+axes.set_xticks(0.5 + np.arange(13), [*range(1, 12), "joint", "alone"])
+axes.set_yticks(0.5 + np.arange(10), table["track"] + ", " + table["detection"])
+axes.set_xlabel("joint event; probability")
+axes.invert_yaxis()
 caption = (
-    f"The {len(events)} joint events, after Fig. 2.23. Black: 1, white: 0. Grey: their "
-    "mean, and the probabilities of each track alone."
+    f"The {len(events)} joint events, after Fig. 2.23. Rows: track and its detection; "
+    "black: assigned in this event. Numbers: the probabilities over all events (joint) "
+    "and of each track alone."
 )
 save("fig-2-23-events", table, picture=picture, caption=caption)
-
-# %% [markdown]
-# ## The filter beside filterpy's
-#
-# One track of 1000 frames passes our tracker and the Kalman filter of filterpy with the
-# same matrices. The states agree to rounding. With a single track filterpy is faster:
-# our time includes gate, association and the end of tracks, and our filter is made for
-# all tracks of a frame at once.
-
-# %%
-motion = ConstantVelocity()
-places = np.random.default_rng(seed).normal(5.0, 1.0, (1000, 2)).cumsum(axis=0)
-line = pd.DataFrame(places, columns=["row", "col"]).assign(frame=range(1000))
-peer = KalmanFilter(dim_x=4, dim_z=2)
-peer.x, peer.P = motion.initial()
-peer.x[:2] = places[0]
-peer.F = motion.transition(1.0)
-peer.Q = motion.process_noise(1.0)
-peer.R = motion.measurement_noise()
-peer.H = np.eye(2, 4)
-
-start = perf_counter()
-_, *ours = (step.tracks["state"][0] for step in tracker.steps(line))
-between = perf_counter()
-theirs, *_ = peer.batch_filter(places[1:])
-compared = {
-    "ours_s": between - start,
-    "filterpy_s": perf_counter() - between,
-    "largest_difference": np.abs(ours - theirs).max(),
-}
-pd.DataFrame([compared])
 
 # %% [markdown]
 # ## The gate in flight
@@ -182,7 +162,7 @@ pd.DataFrame([compared])
 # A particle flies through twelve frames and is not detected in three of them (another
 # one far away keeps the frames coming). In frame 3 clutter lies within the ellipse, but
 # 2.6 m nearer; in frame 10 the particle has no depth. The tracker runs with its
-# defaults. In the picture the limit of depth, 1.5 m about the last known one, is grey.
+# defaults.
 
 # %%
 frame = np.arange(12)
@@ -217,18 +197,20 @@ gates = table.drop_duplicates("frame")
 for gate in gates.itertuples():
     place = (gate.expected_row, gate.expected_col)
     draw_gate(flat, place, 2 * gate.reach_row_px, 2 * gate.reach_col_px)
+    flat.annotate(gate.frame, (gate.expected_col, 125), ha="center")
 depth = gates["expected_z"]
 deep.fill_between(gates["frame"], depth - 1500, depth + 1500, step="mid", color="0.88")
 for kind, look in (("particle", "sb"), ("clutter", "Xr")):
     part = table[table["origin"] == kind]
     plots.draw_places(flat, part[["row", "col"]], look)
     plots.draw_places(deep, part[["z", "frame"]], look)
-flat.set(aspect="equal", ylim=(0, 110))
+flat.set(aspect="equal", ylim=(-25, 130))
 plots.label_pixels(flat)
 deep.set(xlabel="frame", ylabel="depth z (mm)")
 caption = (
-    "Gates of a track in frames 1 to 11, in the picture and in depth, after Fig. 4.2. "
-    "Squares: the particle, in the gate but for three missed frames. Cross: clutter, "
+    "Gates of a track in frames 1 to 11 (numbers), in the picture (circles) and in "
+    "depth (grey: 1.5 m about the last known one), after Fig. 4.2. Squares: the "
+    "particle, missed in frames 5 to 7 and without depth in frame 10. Cross: clutter, "
     "refused by its depth."
 )
 save("fig-4-2-gate", table, picture=picture, caption=caption)
@@ -251,15 +233,19 @@ costs.insert(0, "detection", ["d1", "d2", "d3", "d4", "d5"])
 picture, ((axes,),) = style.canvas()
 for particle, detection in score_detections(particles, detected).pairs:
     plots.draw_places(axes, [particles[particle], detected[detection]], "k-")
+beside = {"textcoords": "offset points"}
 for k in range(5):
     draw_gate(axes, detected[k], height=90, width=90)
-    axes.annotate(f"p{k + 1}", particles[k, ::-1])
-    axes.annotate(f"d{k + 1}", detected[k, ::-1])
+    axes.annotate(f"p{k + 1}", particles[k, ::-1], (5, 0), **beside)
+    axes.annotate(f"d{k + 1}", detected[k, ::-1], (-5, 0), ha="right", **beside)
+plots.draw_places(axes, particles, "ow")
+plots.draw_places(axes, detected, "sb")
 axes.set_aspect("equal")
 plots.label_pixels(axes)
 caption = (
-    "Five detections (d) assigned to five particles (p), 45 px around each detection, "
-    "after Fig. 3.13. The table has the distances within 45 px."
+    "Five particles (p, white) and five detections (d, blue), after Fig. 3.13. Lines: "
+    "assigned pairs; grey circles: 45 px around each detection. The CSV has the "
+    "distances within 45 px."
 )
 save("fig-3-13-assignment", costs, picture=picture, caption=caption)
 

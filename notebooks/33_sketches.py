@@ -97,26 +97,19 @@ judged = pd.concat(parts, ignore_index=True)
 
 # %%
 third = "situation 3: both"
-shown = {  # panels: title, case, column of what is removed
-    "fig-4-5-outliers": [
-        *((title, title, "removed") for title in list(cases)[:3]),
-        ("Eq. 4.20 at the second alone", third, "alone"),
-    ],
-    "fig-4-6-backwards": [
-        ("forwards", "four positions", "forwards"),
-        ("four positions", "four positions", "removed"),
-        ("six positions", "six positions", "removed"),
-    ],
-    "fig-4-7-ends": [
-        ("the first position", "the first position", "removed"),
-        ("the last position", "the last position", "removed"),
-    ],
-}
-captions = {
-    "fig-4-5-outliers": "Three situations of an outlier, after Fig. 4.5.",
-    "fig-4-6-backwards": "Outlier in second position, after Fig. 4.6.",
-    "fig-4-7-ends": "Outlier in first and last position, after Fig. 4.7.",
-}
+situations = [  # panels: title, case, column of what is removed
+    *((title, title, "removed") for title in list(cases)[:3]),
+    ("Eq. 4.20 at the second alone", third, "alone"),
+]
+backwards = [
+    ("Eq. 4.18 forwards alone", "four positions", "forwards"),
+    ("four positions", "four positions", "removed"),
+    ("six positions", "six positions", "removed"),
+]
+ends = [
+    ("the first position", "the first position", "removed"),
+    ("the last position", "the last position", "removed"),
+]
 
 
 # %% tags=["hide-input"]
@@ -128,23 +121,27 @@ def draw_case(axes, part, out):
     near = np.fmin(row.shift(1), row.shift(-1)) - row
     odd = np.arange(len(part)) % 2 == 1
     above = (near > 0) | (odd & (near > -15))  # labels keep off the lines
-    for k, point, up in zip(range(1, 7), part.itertuples(), above, strict=False):
+    way = np.sign(row.diff()) + np.sign(row.shift(-1) - row)
+    sides = way.map({-2: "right", 2: "left"}).fillna("center")
+    points = zip(range(1, 7), part.itertuples(), above, sides, strict=False)
+    for k, point, up, side in points:
         text = f"T{k}"
         if point.frame != k:
             text += f", frame {point.frame}"
         if point.change_px_frame > 0:
             text += f"\n{point.turn_deg:.0f}°, {point.change_px_frame:.0f} px/frame"
-        look = {"xytext": (0, -7), "va": "top"}
+        look = {"xytext": (0, -7), "va": "top", "ha": "center"}
         if up:
-            look = {"xytext": (0, 7), "va": "bottom"}
-        look |= {"textcoords": "offset points", "ha": "center", "fontsize": 5.5}
+            look = {"xytext": (0, 7), "va": "bottom", "ha": side}
+        look |= {"textcoords": "offset points", "fontsize": 6}
         axes.annotate(text, (point.col, point.row), **look)
     axes.margins(0.2, 0.3)
     plots.label_pixels(axes)
 
 
 # %% tags=["hide-input"]
-for identifier, panels in shown.items():
+def draw_cases(panels):
+    """Draw panels; return the picture and their table."""
     rows = 1 + len(panels) // 4
     size = {"width_mm": style.PAGE_MM, "height_mm": 16 + 50 * rows}
     picture, grid = style.canvas(rows, len(panels) // rows, **size)
@@ -155,8 +152,29 @@ for identifier, panels in shown.items():
     entries = grid[-1, -1].get_legend_handles_labels()
     picture.legend(*entries, loc="outside lower center", ncols=2)
     table = judged[judged["case"].isin([case for _, case, _ in panels])]
-    caption = f"{captions[identifier]} Hand-made, with the limits of Table 5.16."
-    save(identifier, table, picture=picture, caption=caption)
+    return {"table": table, "picture": picture}
+
+
+caption = (
+    "Three situations of an outlier, after Fig. 4.5: turn and change of velocity at "
+    "each position. Hand-made, with the limits of Table 5.16."
+)
+save("fig-4-5-outliers", **draw_cases(situations), caption=caption)
+
+# %%
+caption = (
+    "Outlier in second position, after Fig. 4.6: the rule forwards alone, and the "
+    "whole rule with four and with six positions. Hand-made, with the limits of "
+    "Table 5.16."
+)
+save("fig-4-6-backwards", **draw_cases(backwards), caption=caption)
+
+# %%
+caption = (
+    "Outlier in first and in last position, after Fig. 4.7. Hand-made, with the limits "
+    "of Table 5.16."
+)
+save("fig-4-7-ends", **draw_cases(ends), caption=caption)
 
 # %% [markdown]
 # ## Joined tracklets
@@ -198,13 +216,16 @@ table = table[["pair", "tracklet", "frame", "cardinality", "row", "col", "connec
 # %% tags=["hide-input"]
 def draw_joined(axes, both):
     joined = both[both["tracklet"] == "Tj"]
-    plots.draw_places(axes, joined[["row", "col"]], "D-k", mfc="white", label="Tj")
+    plots.draw_places(axes, joined[["row", "col"]], "^-k", mfc="white", label="Tj")
 
 
 def draw_parts(axes, both):
     for point in both[both["tracklet"] != "Tj"].itertuples():
-        text = f" {point.frame} ({point.cardinality})"
-        axes.annotate(text, (point.col, point.row), va="bottom", fontsize=5.5)
+        shift = {"Ti": 8, "Tk": -30}[point.tracklet]
+        look = {"xytext": (0, shift), "ha": "center", "fontsize": 6}
+        look |= {"textcoords": "offset points", "rotation": 90}
+        text = f"{point.frame} ({point.cardinality})"
+        axes.annotate(text, (point.col, point.row), **look)
     connected = both.loc[both["connected"], ["row", "col"]]
     plots.draw_places(axes, connected, "ok", ms=11, mfc="none")
 
@@ -227,6 +248,7 @@ for identifier, draw, caption in (
             places = both.loc[both["tracklet"] == tracklet, ["row", "col"]]
             plots.draw_places(axes, places, look, label=tracklet)
         draw(axes, both)
+        axes.margins(0.08, 0.55)
         axes.set_title(name)
         plots.label_pixels(axes)
     panels[0].legend()
