@@ -37,7 +37,13 @@ import pandas as pd
 
 from kilnflight import tracklets
 from kilnflight.experiments import plots
-from kilnflight.experiments.flights import campaigns, ignition, trackers, tracking
+from kilnflight.experiments.flights import (
+    campaigns,
+    ignition,
+    panels,
+    trackers,
+    tracking,
+)
 from kilnflight.experiments.flights import track_scores as scores
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.simulated.kiln import scenes
@@ -45,8 +51,13 @@ from kilnflight.simulated.kiln import scenes
 style.use_style()
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
 save = partial(figures.save, provenance=origin)
-learned = campaigns.settings_from_labels(scale, seed)
-detected = partial(tracking.windows, scale, learned, seed, jobs=jobs)
+detected = partial(
+    tracking.windows,
+    scale,
+    campaigns.settings_from_labels(scale, seed),
+    seed,
+    jobs=jobs,
+)
 windows = detected()
 
 # %% [markdown]
@@ -123,9 +134,9 @@ caption = (
 save("table-5-17-tracking", table, caption=caption)
 
 # %% [markdown]
-# The same values one per row, then the differences that section 5.2.3 speaks of. An
-# entry "A - B" is a difference. Both sides are drawn with the same true trajectories,
-# so it is paired.
+# The same values as a picture. Its CSV also has the differences that section 5.2.3
+# speaks of. An entry "A - B" is a difference. Both sides are drawn with the same true
+# trajectories, so it is paired.
 
 # %%
 beside = scores.beside_published(measured)
@@ -138,16 +149,19 @@ picture, grid = style.canvas(
 for axes, (measure, part) in zip(grid.flat, beside.groupby("measure"), strict=True):
     part = part.pivot(index=["fraction", "tracker"], columns="postprocessing")
     axes.set_title(plots.SYMBOLS[measure])
-    axes.set_yticks(range(len(part)), part.index.map(", ".join))
-    for stage, shift, face in (("without", -0.2, {"mfc": "white"}), ("with", 0.1, {})):
-        place = np.arange(len(part)) + shift
-        axes.hlines(place, part["low", stage], part["high", stage], "black")
-        axes.plot(part["recomputed", stage], place, "ok", ms=3, **face)
-        axes.plot(part["published", stage], place, **{**style.PUBLISHED, **face})
+    place = -np.arange(len(part))
+    axes.set_yticks(place, part.index.map(", ".join))
+    for stage, shift, face in (("without", 0.2, "white"), ("with", -0.1, None)):
+        y = place + shift
+        axes.hlines(y, part["low", stage], part["high", stage])
+        label = f"recomputed, {stage}"
+        axes.plot(part["recomputed", stage], y, "ok", mfc=face, label=label)
+        axes.plot(part["published", stage], y, **{**style.PUBLISHED, "mfc": face})
+picture.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = (
-    "The 64 values of Table 5.17 recomputed (circles, with 95 % intervals) and "
-    "published (diamonds), without (open) and with post-processing (filled). The table "
-    "adds paired differences."
+    "The values of Table 5.17 recomputed, with 95 % intervals (lines), and published, "
+    "without (open) and with post-processing (filled). The CSV adds paired "
+    "differences."
 )
 save("tracking-scores", table, picture=picture, caption=caption)
 
@@ -156,14 +170,14 @@ save("tracking-scores", table, picture=picture, caption=caption)
 
 # %% tags=["hide-input"]
 shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
-picture, grid = style.canvas(5, len(shown), width_mm=130, height_mm=200)
+picture, grid = style.canvas(5, len(shown), width_mm=150, height_mm=200)
 tables = {}
 for window, column in zip(shown, grid.T, strict=True):
     fraction = window.fraction
     drawn = {"truth": window.truth}
     for name in ours:
         for stage, tracks in tracked[fraction, name].items():
-            drawn[f"{name} {stage} steps"] = tracks
+            drawn[f"{name} {stage} post-processing"] = tracks
     frames = window.frames
     light = window.differences[frames.start : frames.stop, :, :].sum(axis=0)
     for axes, (name, tracks) in zip(column, drawn.items(), strict=True):
@@ -199,7 +213,7 @@ for window, (left, right) in zip(windows, grid, strict=True):
     twin = window.differences.source.recording()
     frames = scenes.tracking_window(twin)[:count]
     image = ignition.optical_picture(twin, frames)
-    style.draw_frame(left, np.clip(image, *np.quantile(image, [0.01, 0.998])), 4)
+    panels.draw_stretched(left, image, (0.01, 0.998), step=4)
     left.set_title(name)
     path = tracking.flying_paths(twin, frames)
     style.draw_tracks(right, plots.broken_at_gaps(path), "black")
@@ -312,8 +326,8 @@ for window, name in product(windows, ours):
     averaged[key] = tracking.processed(window, stages["without"], steps)
     long[key] = {stage: scores.lasting(tracks) for stage, tracks in stages.items()}
 earlier = {
-    "GNN": trackers.chosen("GNN", visibility=0.4, missed_frames=5),
-    "JPDA": trackers.chosen("JPDA", visibility=0.4, missed_frames=27),
+    name: trackers.chosen(name, visibility=0.4, missed_frames=most)
+    for name, most in (("GNN", 5), ("JPDA", 27))
 }
 every = [each._replace(truth=each.visible) for each in windows]
 bridged = [each._replace(truth=tracking.without_gaps(each.truth)) for each in windows]
@@ -344,14 +358,13 @@ notes = counted[["fraction", "positions_visible", "positions"]].rename(
     columns={"positions": "positions_noted"}
 )
 notes["share_not_noted"] = 1 - notes["positions_noted"] / notes["positions_visible"]
-notes = notes.join(of_gnn(cells), on="fraction")
-notes = notes.join(of_gnn(others["T4"]).add_suffix("_all"), on="fraction")
+both = of_gnn(cells).join(of_gnn(others["T4"]).add_suffix("_all"))
 caption = (
     "True positions that a person notes, lighter than the kiln by 4 of 255 steps, of "
     "all that are visible. Measures of GNN with post-processing against those noted, "
     "and against all."
 )
-save("tracking-notes", notes, caption=caption)
+save("tracking-notes", notes.join(both, on="fraction"), caption=caption)
 
 
 # %%
