@@ -13,8 +13,9 @@
 # **One number.** Median R2 in depth of paper shreds: 0.55 printed, 0.52 here.
 #
 # **What disagrees.** One trajectory in nine is impossible, which the thesis does not
-# mention. Order 7 still raises adjusted R2, by 0.0004, so that no loss above order 6 is
-# seen.
+# mention. It says that the accuracy falls above order 6. Here order 7 still adds
+# 0.00045 to adjusted R2, half as much as order 6; the interval contains 0, so the claim
+# is open. R2 in depth is 0.84 at order 6, not above 0.9.
 
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
@@ -27,7 +28,6 @@ pictures = 0  # frames in each sum of differences; 0: 5, 30 or 300 by scale
 from functools import partial
 from itertools import pairwise, product
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
@@ -133,8 +133,11 @@ save("table-5-18-regression", pd.DataFrame(rows), caption=caption)
 # ## Which orders help
 #
 # Section 4.3 raises the orders from 2 to 6 until "the measures" improve by less than 1
-# %: here an order more must improve all four. Above order 6, it says, the accuracy
-# "even slightly decreases".
+# %: here an order more must improve all four. With orders higher than 6, it says, the
+# accuracy "even slightly decreases", and R2 in depth is higher than 0.9 for all. It
+# prints no other value. Our medians go on improving beyond order 6. Each of them is of
+# all trajectories, so the claim is judged on the gain of single ones: adjusted R2, mean
+# over the axes (`order-gains`). It holds if order 7 lowers it, with its whole interval.
 
 
 # %%
@@ -160,24 +163,32 @@ for campaign in results.campaigns:  # the first forty trajectories that allow or
             rows.append((*row, *(getattr(fit, name)[k] for name in AXIS_MEASURES)))
 names = [*KEYS, "particle", "order", "axis", *AXIS_MEASURES]
 each_order = pd.DataFrame(rows, columns=names)
-by_order = each_order.groupby(["order", "axis"])[[*AXIS_MEASURES]].median()
-by_order = by_order.reset_index()
+by_order = each_order.groupby(["order", "axis"], as_index=False)[
+    [*AXIS_MEASURES]
+].median()
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
-titles = ("RMSE (mm)", "MAPE (%)", "R²", "adjusted R²")
-for axes, name, title in zip(grid.flat, AXIS_MEASURES, titles, strict=True):
-    for (axis, part), mark in zip(by_order.groupby("axis"), "os^", strict=False):
-        axes.plot(part["order"], part[name], marker=mark, label=axis)
+for axes, name, title in zip(
+    grid.flat,
+    AXIS_MEASURES,
+    ("RMSE (mm)", "MAPE (%)", "R²", "adjusted R²"),
+    strict=True,
+):
+    for axis, look in zip("xyz", ("o-k", "s--b", "^-.g"), strict=True):
+        part = by_order[by_order["axis"] == axis]
+        axes.plot(part["order"], part[name], look, label=axis)
     axes.set_ylabel(title)
-plt.setp(grid[1], xlabel="order of the polynomials")
-grid[1, 0].sharey(grid[1, 1])
+for axes in grid[1]:
+    axes.axhspan(0.9, 1, alpha=0.15, color=style.PUBLISHED["color"])  # section 4.3
+    axes.set_xlabel("order of the polynomials")
 grid[0, 0].set_yscale("log")
 grid[0, 0].yaxis.set_major_formatter("{x:g}")
-grid[0, 0].legend(title="axis")
+grid[0, 0].legend()
 caption = (
     "Medians of the four measures with the same order along all axes, after Fig. 4.23. "
-    "Up to 40 trajectories of each campaign that are long enough for all orders."
+    "Up to 40 trajectories of each campaign that are long enough for all orders. "
+    "Shaded: R2 in depth as published, higher than 0.9."
 )
 save("fig-4-23-orders", by_order, picture=picture, caption=caption)
 
@@ -203,27 +214,32 @@ picture, grid = style.canvas(
     2,
     2,
     width_mm=style.PAGE_MM,
-    height_mm=110,
+    height_mm=115,
     subplot_kw={"projection": "3d"},
 )
 picture.set_layout_engine(None)  # else the margins do not apply
-picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
+picture.subplots_adjust(-0.05, 0.15, 0.97, 0.97, 0)
 parts = {}
 chosen = [each for each in results.campaigns if each.pressure_bar == 4.5]
 for (above, below), campaign in zip(grid.T, chosen, strict=False):
     first, tracks = first_fits(campaign.key, 8)
-    panels.draw_fits(above, tracks, first, campaign.run.exit_point_mm, gray=False)
-    panels.draw_fits(below, tracks, first, campaign.run.exit_point_mm, gray=True)
-    above.set_title(f"{campaign.fraction}, detections (thin) and fits", y=0.98)
-    below.set_title(f"{campaign.fraction}, grey values", y=0.98)
+    for axes, gray in ((above, False), (below, True)):
+        panels.draw_fits(axes, tracks, first, campaign.run.exit_point_mm, gray)
+        axes.set_title(campaign.fraction, y=0.98)
+        axes.locator_params(axis="y", nbins=2)
     parts[campaign.key] = tracks
-caption = (
-    "Fitted trajectories of eight particles each with their detections. Above as thin "
-    "lines, below as points from dark (grey value 0) to yellow (30,000 or more); the "
-    "red cross is the lance. After Figs 4.22, 4.24 and 5.16."
+picture.colorbar(
+    below.collections[0],
+    picture.add_axes((0.3, 0.09, 0.4, 0.015)),
+    location="bottom",
+    label="grey value",
 )
-columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
-data = campaigns.stack(parts)[columns]
+caption = (
+    "Fitted trajectories of up to eight particles each with their detections, above as "
+    "thin lines, below as points coloured by grey value (yellow: 30,000 or more). Red "
+    "cross: the lance. After Figs 4.22, 4.24 and 5.16."
+)
+data = campaigns.stack(parts)[["fraction", "particle", "frame", "x", "y", "z", "gray"]]
 save("fig-5-16-trajectories", data, picture=picture, caption=caption)
 
 # %% [markdown]
@@ -244,20 +260,22 @@ def sum_differences(campaign):
     return sum(np.abs(now - before) for before, now in pairwise(frames))
 
 
-saved = []
-fractions = dict.fromkeys(each.fraction for each in results.campaigns)
-for k, name in enumerate(fractions, start=1):
+# %% tags=["hide-input"]
+saved = {}
+for k, name in enumerate(
+    dict.fromkeys(each.fraction for each in results.campaigns), start=1
+):
     chosen = [each for each in results.campaigns if each.fraction == name]
-    picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=125)
-    plt.setp(grid.T[len(chosen) :].ravel(), visible=False)
-    for (above, below), campaign in zip(grid.T, chosen, strict=False):
+    columns = len(chosen)
+    picture, grid = style.canvas(
+        2, columns, sharex=True, sharey=True, width_mm=90 * columns, height_mm=125
+    )
+    for (above, below), campaign in zip(grid.T, chosen, strict=True):
         panels.draw_stretched(above, sum_differences(campaign), (0.05, 0.999), step=8)
         above.set_title(f"{name}, {campaign.pressure_bar} bar: frame differences")
         tracks = campaigns.of_campaign(flying, campaign.key)
         style.draw_tracks(below, tracks)
         below.set(
-            xlim=above.get_xlim(),
-            ylim=above.get_ylim(),
             aspect="equal",
             title=f"{tracks['particle'].nunique()} trajectories from the lance",
             xlabel="column (px)",
@@ -271,17 +289,17 @@ for k, name in enumerate(fractions, start=1):
         flying["fraction"] == name, [*KEYS, "particle", "frame", "row", "col"]
     ]
     name = f"fig-a-{k}-tracks"
-    saved.append(save(name, data, picture=picture, caption=caption))
-saved[0]
+    saved[name] = save(name, data, picture=picture, caption=caption)
+saved.get("fig-a-1-tracks")
 
 # %%
-saved[1]
+saved.get("fig-a-2-tracks")
 
 # %%
-saved[-2]
+saved.get("fig-a-3-tracks")
 
 # %%
-saved[-1]
+saved.get("fig-a-4-tracks")
 
 # %% [markdown]
 # ## What the thesis does not print
@@ -317,9 +335,13 @@ last = gains[gains["order"] == 7]
 falls = claims.all_of(*map(claims.beyond, -last["high"], -last["low"]))
 holds = comparison.if_complete(numbers, {"fit-4": falls})
 gain = gains.set_index("order")["estimate"].reindex([6, 7])
-measured = f"order 6 {gain[6]:+.4f}, order 7 {gain[7]:+.4f}"
-reason = "Median gain of a trajectory's adjusted R2 by the order, mean over its axes."
-check = claims.check("fit-4", holds["fit-4"], measured, reason)
+check = claims.check(
+    "fit-4",
+    holds["fit-4"],
+    f"order 6 {gain[6]:+.4f}, order 7 {gain[7]:+.4f}",
+    "Median gain of a trajectory's adjusted R2, mean over its axes. It must be below 0 "
+    "at order 7.",
+)
 
 # %%
 total = data.groupby("value")[["sum", "size"]].sum()
