@@ -70,9 +70,9 @@ both = accuracy.compare_campaigns(results)
 # The thesis sums the differences of all frames. In the simulation the flicker of the
 # kiln would sum up to more than one passing particle, so each pixel shows its greatest
 # difference. Trajectories of chips are "relatively dark", those of confetti "a mixture
-# of light and dark" (section 5.2.4): in the table below, too, chips are darker than
-# confetti. Granules are exposed 2.4 times as long. White discs are particles that burn
-# on the wall, where all ignite.
+# of light and dark" (section 5.2.4): in the CSV of the picture, too, chips are darker
+# than confetti. Granules are exposed 2.4 times as long. White discs are particles that
+# burn on the wall, where all ignite.
 #
 # The loop below tests each flight; a flight whose grey values rise "lights up". The
 # claim holds if fewer than 5 % of the unlit chips and granules with enough points to
@@ -130,7 +130,7 @@ for axes, campaign in zip(grid.flat, chosen, strict=False):
     axes.label_outer()
 caption = (
     f"Background plus the greatest difference from it in up to {max(map(len, shown))} "
-    "frames, at 4.5 bar, after Fig. 5.17. Table: flights that light up (share with "
+    "frames, at 4.5 bar, after Fig. 5.17. CSV: flights that light up (share with "
     "95 % interval, Wilson), are bright at first, have too few points. Of the others, "
     "truly unlit or lit: number, how many light up (up), light up or are bright at "
     "first (light); grey value."
@@ -223,7 +223,10 @@ printed = comparison.printed_numbers()
 
 # %% tags=["hide-input"]
 sources = {"true": results.true, "measured": results.measured}
-picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharex=True)
+down = math.ceil(len(papers) / 2)
+picture, grid = style.canvas(
+    down, 2, sharex=True, width_mm=style.PAGE_MM, height_mm=55.0 * down
+)
 places = {IGNITED_EARLY.label: 0.05, IGNITED.label: 0.95}
 bounds = printed.assign(at=printed["outcome"].map(places)).dropna(subset="at")
 edges = [-np.inf, *0.1 * np.arange(1, 8), np.inf]  # s; width of section 5.3.2
@@ -248,7 +251,7 @@ grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 caption = (
     "When confetti and paper shreds ignite, in per cent of all particles, after Figs "
     "5.25 and 5.26: true of all flights in the same frames, and measured. Narrow bar: "
-    'the published "less than 20 %". In the table a time is below 0 where the fit '
+    'the published "less than 20 %". In the CSV a time is below 0 where the fit '
     "leaves the lance later than the step was seen."
 )
 figures.save(
@@ -309,7 +312,9 @@ def judge(false, recovery, orders):
     numbers = [len(each.ignition_s) for each in results.measured.values()]
     holds = comparison.if_complete(numbers, answers)
     ends = f"{100 * false.low:.1f} to {100 * false.high:.1f}"
-    percent = f"{100 * false.estimate:.1f} % of {false.number} ({ends})"
+    percent = "no such flight in this run"
+    if false.number:
+        percent = f"{100 * false.estimate:.1f} % of {false.number} ({ends})"
     above = f"{(orders['low'] > 0).sum()} of {len(orders)} differences"
     off = recovery["error"].map("{:+.0f}".format)
     confetti_off = ", ".join(off[confetti & ignited])
@@ -332,7 +337,9 @@ false = false_share(traces, "unlit_up")
 checks = judge(false, recovery, orders)
 
 # %% [markdown]
-# ## With other choices
+# ## Result
+#
+# Verdicts, and what two choices change:
 #
 # - F7: the grey value itself rises, not the value above the kiln behind.
 # - F8: chips and granules that are light at first sight count as burning, too. (This
@@ -379,15 +386,22 @@ compared = [
     ),
 ]
 
-# %% [markdown]
-# ## Result
-
 # %%
 sums = table.sum(numeric_only=True)
+
+
+def part(number, counted):
+    """Return a share as text; of none it is "none"."""
+    if not counted:
+        return "none"
+    return f"{number / counted:.0%}"
+
+
 result = (
-    f"Of {false.number} unlit wood chips and PE granules {false.estimate:.0%} seem "
-    "to ignite. Of the detected papers the test finds "
-    f"{sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning and calls "
-    f"{sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones burning."
+    f"Of {false.number} unlit wood chips and PE granules "
+    f"{part(false.estimate * false.number, false.number)} seem to ignite. Of the "
+    f"detected papers the test finds {part(sums['lit_detected'], sums['lit'])} of the "
+    f"burning and calls {part(sums['unlit_detected'], sums['unlit'])} of the unlit "
+    "ones burning."
 )
 figures.conclude(result, checks, origin, choices=compared)
