@@ -1,6 +1,5 @@
 # %% [markdown]
-# # Simulated flights: most measured distributions differ from the simulated
-# ones
+# # Simulated flights: most measured distributions differ from them
 #
 # **The work.** The thesis compares measured dwell times and velocities at 5 bar with
 # CFD simulations of another group (A.2, Figs A.5 to A.7) and finds "a satisfactory
@@ -101,7 +100,7 @@ for name, each in flown.items():
         rows.append(row | {"median_depth_m": np.median(deep)})
 data = pd.DataFrame(rows)
 caption = (
-    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the table: how "
+    "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; in the CSV: how "
     "all end, and how deep."
 )
 figures.save(
@@ -115,8 +114,9 @@ figures.save(
 # %% tags=["hide-input"]
 def draw_paths(values, label):
     """Draw flights from the side, coloured by one value each or one per sample."""
-    size = {"width_mm": style.PAGE_MM, "height_mm": 95}
-    picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
+    rows = -(-len(paths) // 2)
+    size = {"width_mm": style.PAGE_MM, "height_mm": 5 + 45 * rows}
+    picture, grid = style.canvas(rows, 2, **size, sharex=True, sharey=True)
     every = np.concatenate([each.ravel() for each in values.values()])
     limits = np.nanquantile(every, [0.05, 0.95])
     for axes, (name, each) in zip(grid.flat, paths.items(), strict=False):
@@ -148,7 +148,7 @@ for name, each in flown.items():
 data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 caption = (
     f"{SHOWN} simulated flights of each fraction from the side, coloured by dwell time "
-    "(5 to 95 % of all), after the left part of Fig. A.6. The table: when each ends, "
+    "(5 to 95 % of all), after the left part of Fig. A.6. The CSV: when each ends, "
     "and how far from the lance along the kiln."
 )
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
@@ -192,7 +192,7 @@ data = table.melt(
 ).sort_index(kind="stable")
 caption = (
     "The same flights coloured by their velocity in depth (5 to 95 % of all moments), "
-    "after the left part of Fig. A.7. The table: mean velocity in each metre (Eq. "
+    "after the left part of Fig. A.7. The CSV: mean velocity in each metre (Eq. "
     "5.8), empty where it was not passed."
 )
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
@@ -226,15 +226,32 @@ figures.save(
 # harder: with enough particles the measuring error alone fails it.
 
 # %%
-apart = []
-for key in simulated:
-    both = [values[key] for values in sources.values()]
-    dwell = [each.dwell_s for each in both]
-    first_metre = [each.velocity_m_s[:, 0] for each in both]
-    for pair in (dwell, first_metre):
-        first, second = (each[np.isfinite(each)] for each in pair)
-        if len(first) and len(second):
-            apart.append(stats.ks_2samp(first, second).pvalue < 0.05)
+outcomes = {
+    "dwell time": lambda values: values.dwell_s,
+    "velocity 0-1 m": lambda values: values.velocity_m_s[:, 0],
+}
+rows = []
+for key, (name, take) in product(simulated, outcomes.items()):
+    first, second = (take(values[key]) for values in sources.values())
+    first = first[np.isfinite(first)]
+    second = second[np.isfinite(second)]
+    row = {"fraction": key[0], "quantity": name}
+    row |= {"simulated": len(first), "measured": len(second)}
+    if len(first) and len(second):
+        test = stats.ks_2samp(first, second)
+        row |= {"distance": test.statistic, "p_value": test.pvalue}
+    rows.append(row)
+names = ["fraction", "quantity", "simulated", "measured", "distance", "p_value"]
+data = pd.DataFrame(rows, columns=names)
+caption = (
+    f"Test of Kolmogorov and Smirnov at {bar} bar: numbers of simulated and measured "
+    "values, largest distance of their cumulative distributions, and probability of "
+    "such a distance by chance."
+)
+figures.save("flight-distributions", data, caption=caption, provenance=origin)
+
+# %%
+apart = data["p_value"].dropna() < 0.05
 result = (
     f"Simulated and measured distributions differ beyond chance in {sum(apart)} of "
     f"{len(apart)} cases (dwell time and velocity in the first metre of each fraction)."

@@ -208,9 +208,9 @@ for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict
     for k, step in enumerate(data["replaced_step"].unique()):
         place = np.arange(len(names)) + 0.11 * (k - 3)
         look = {
-            "color": [*style.COLOURS, "0.5"][k],
+            "color": ["black", "0.5", *style.COLOURS[2:]][k],
             "marker": [*style.MARKERS, "*"][k],
-            "ms": 3,
+            "ms": 4,
             "ls": "",
             "lw": 0.8,
             "label": step,
@@ -218,14 +218,22 @@ for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict
         middle = bias.loc[step, names]
         axes.errorbar(place, middle, spread.loc[step, names], **look)
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
+    for k in range(1, len(names)):
+        axes.axvline(k - 0.5, color="0.85", lw=0.6, ls="-")
+    if bias.isna().all(axis=None):
+        middle = {"transform": axes.transAxes, "ha": "center"}
+        axes.text(0.5, 0.6, "no such flight in this run", **middle)
     axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)
-picture.legend(
-    *grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3
-)
+    axes.set_xlim(-0.5, len(names) - 0.5)
+entries = grid[0, 0].get_legend_handles_labels()
+title = "taken from the truth (whole chain: nothing; weighted axes: our own tracks)"
+picture.legend(*entries, loc="outside upper center", ncols=4, title=title)
+
+# %%
 caption = (
-    "Measured minus true, by what was replaced by the truth: median (mark) and half "
-    "the range that holds 68 % (bar), means over both pressures. What remains with "
-    "true positions and links is due to regression, landing and the test of ignition."
+    "Measured minus true, by what is taken from the truth: median (mark) and half the "
+    "range that holds 68 % (bar), means over both pressures. What remains with true "
+    "positions and links is due to regression, landing and the test of ignition."
 )
 figures.save(
     "accuracy-steps", data, picture=picture, caption=caption, provenance=origin
@@ -275,7 +283,7 @@ table = pd.concat(scored, ignore_index=True)
 parts = ["input", "tracker", "postprocessing"]
 mean = table.groupby(parts, sort=False)[list(plots.SYMBOLS)].mean().reset_index()
 names = mean[parts].agg(", ".join, axis=1).str.replace(", without", "")
-mean["configuration"] = names.str.replace(", with", " + steps")
+mean["configuration"] = names.str.replace(", with", " + post-processing")
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(
@@ -309,4 +317,6 @@ result = (
     f"more often, so medians of campaigns are up to {max(short_s.values()):.2f} s too "
     "short."
 )
+if off.empty:
+    result = "No flight of this run can be compared with its true one."
 figures.conclude(result, [], origin)
