@@ -249,6 +249,9 @@ caption = (
 )
 save("fig-3-13-assignment", costs, picture=picture, caption=caption)
 
+# %% [markdown]
+# ## Result
+
 # %%
 own = weights.query("situation == 'crowded' and track == 'T1' and detection == 'D1'")
 nn, gnn, pda, jpda = own["weight"]

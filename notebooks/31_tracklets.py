@@ -306,6 +306,8 @@ used = {
     "f": costs.feature,
     "w": connection.half_width,
 }
+
+# %%
 printed = claims.published("table_5.16", as_printed=True)
 letter = printed["parameter_latex"].replace(
     {
@@ -330,6 +332,9 @@ save(
     table,
     caption="Parameters of the post-processing as printed and as used here.",
 )
+
+# %% [markdown]
+# ## Result
 
 # %%
 streak = texture.loc["LE"]

@@ -227,7 +227,7 @@ caption = (
 save("fig-5-13-optical-truth", pd.concat(parts), picture=picture, caption=caption)
 
 # %% [markdown]
-# ## Claims
+# ## How claims are judged
 #
 # An order holds if all differences are positive. It fails if the upper end of an
 # interval is at or below zero. Where a claim has one difference, its whole interval
@@ -392,6 +392,9 @@ for choice, other in others.items():
                 turns=turns,
             )
         )
+
+# %% [markdown]
+# ## Result
 
 # %%
 before, after = means(cells, ["alpha", "beta"])

@@ -272,6 +272,9 @@ caption = (
 )
 save("fig-4-14-instance", instance, caption=caption)
 
+# %% [markdown]
+# ## Result
+
 # %%
 lost = judged.groupby("case")["removed"].sum()
 one = lost[third]
