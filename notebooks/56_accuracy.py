@@ -48,11 +48,10 @@ origin = figures.trace("56_accuracy", {"scale": scale}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 
 # %% [markdown]
-# ## One step after the other replaced by the truth
-#
-# True positions have grey values of two levels: darker than the kiln unlit, lighter
-# lit. True links are by place in the image. Depths that are off by the tracker's gate
-# or more belong to the background, and are left out there.
+# When a step is replaced by the truth, true positions have grey values of two levels:
+# darker than the kiln unlit, lighter lit. True links are by place in the image. Depths
+# that are off by the tracker's gate or more belong to the background, and are left out
+# there.
 
 
 # %%
@@ -227,7 +226,7 @@ for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict
     axes.set_xlim(-0.5, len(names) - 0.5)
 entries = grid[0, 0].get_legend_handles_labels()
 title = "taken from the truth (whole chain: nothing; weighted axes: our own tracks)"
-picture.legend(*entries, loc="outside upper center", ncols=4, title=title)
+_ = picture.legend(*entries, loc="outside upper center", ncols=4, title=title)
 
 # %%
 caption = (
