@@ -50,7 +50,7 @@ CHAPTERS = {
     "Tracking": ("thesis (4[.]2|5[.]2)", ("32",), "table-5-17-tracking"),
     "Regression and flights": (
         "thesis (4[.]3|5[.]3[.]1|A)",
-        ("50", "52", "53"),
+        ("52", "53", "50"),
         "dwell-recovery",
     ),
     "Ignition": ("thesis 5[.]3[.]2", ("54",), "ignition-recovery"),

@@ -3,7 +3,7 @@
 #
 # **The work.** In the thesis (sections 3.2 and 5.1.4) MLESAC fits a cylinder to the
 # wall's points (Table 5.12). Distances of particles from its axis form two Gaussians
-# that cross near 760 mm (Fig. 3.11). A threshold of 800 mm classifies particles with F1
+# that cross (Fig. 3.11). A threshold of 800 mm classifies particles with F1
 # 0.92, detections with 0.88 (Tables 5.13 and 5.14).
 #
 # **Here.** The same on five simulated recordings, whose axis and radius are known. The

@@ -395,8 +395,8 @@ choice_rows.append(
 )
 chosen = medians["ours"]
 result = (
-    f"{chosen['number'].sum()} of {len(counted)} measured flights from the lance have "
-    f"a dwell time. Their medians are off by {chosen['error'].min():+.2f} to "
-    f"{chosen['error'].max():+.2f} s."
+    f"Median dwell times are off by {chosen['error'].min():+.2f} to "
+    f"{chosen['error'].max():+.2f} s; {chosen['number'].sum()} of {len(counted)} "
+    "flights have one."
 )
 figures.conclude(result, checks, origin, choices=choice_rows)

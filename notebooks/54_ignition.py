@@ -399,9 +399,9 @@ def part(number, counted):
 
 result = (
     f"Of {false.number} unlit wood chips and PE granules "
-    f"{part(false.estimate * false.number, false.number)} seem to ignite. Of the "
-    f"detected papers the test finds {part(sums['lit_detected'], sums['lit'])} of the "
-    f"burning and calls {part(sums['unlit_detected'], sums['unlit'])} of the unlit "
-    "ones burning."
+    f"{part(false.estimate * false.number, false.number)} seem to ignite (thesis: "
+    f"none). Of the papers the test finds {part(sums['lit_detected'], sums['lit'])} "
+    f"of the burning and calls {part(sums['unlit_detected'], sums['unlit'])} of the "
+    "unlit burning."
 )
 figures.conclude(result, checks, origin, choices=compared)
