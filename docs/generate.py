@@ -496,8 +496,9 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     """Write all pages but those of notebooks, and the thumbnails."""
     known = saved()
     (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
+    (pages / "index.md").write_text(linked(render("index.md")))
     for path in DOCS.glob("*.md"):
-        top = path.stem in ("index", "api")
+        top = path.stem == "api"
         folder = pages if top else pages / "documents"
         text = linked(path.read_text(), "" if top else "../")
         (folder / path.name).write_text(text)
