@@ -124,3 +124,16 @@ def test_the_commit_is_the_last_one_that_touched_what_counts(tmp_path, monkeypat
     (tmp_path / "analysis/a.py").write_text("x = 2\n")
     assert figures.trace("n", {}).commit == first + "+changes"
     assert commit("analysis/b.py") == figures.trace("n", {}).commit
+
+
+def test_a_reduced_run_never_writes_over_results_of_record(monkeypatch):
+    monkeypatch.delenv("KILNFLIGHT_FIGURES")
+    with pytest.raises(InputError, match="KILNFLIGHT_FIGURES"):
+        figures.trace("02_x", {"scale": "quick"})
+    assert figures.trace("02_x", {"scale": "full"}).parameters == {"scale": "full"}
+
+
+def test_a_large_picture_has_no_pdf(monkeypatch):
+    monkeypatch.setattr(figures, "LARGEST", 1)
+    save(picture=drawn())
+    assert set(files()) == {"fig-1.png", "fig-1.csv", "index.json"}

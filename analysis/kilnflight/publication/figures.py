@@ -102,7 +102,18 @@ def trace(
         Files that were read; their SHA-256 is stored.
     mark
         One word for the kind of data, such as "simulated", written inside each picture.
+
+    Raises
+    ------
+    InputError
+        If a reduced run would write over the results of record.
     """
+    scale = parameters.get("scale", "full")
+    if scale != "full" and paths.figures() == paths.root() / "figures":
+        raise InputError(
+            f"scale {scale}: figures/ holds results of make full; set KILNFLIGHT_"
+            f"FIGURES=build/{scale}/figures."
+        )
     checksums = {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs
     }
