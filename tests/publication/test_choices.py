@@ -162,3 +162,14 @@ def git(*command, text=None):
         check=False,
     )
     return done.stdout if done.returncode == 0 else "missing"
+
+
+@pytest.mark.usefixtures("decided")
+@pytest.mark.parametrize(
+    ("stem", "shown"), [("40_belt_arrival", "1"), ("12_labelled_frames", "")]
+)
+def test_choices_on_the_belt_are_listed_and_those_of_notebook_12_are_not(stem, shown):
+    compared = [choices.compare("A1", "F1", chosen=1, other=2, turns={})]
+    origin = figures.trace(stem, {})
+    figures.conclude("One.", [], origin, choices=compared, data="authors")
+    assert choices.collect().set_index("id").loc["A1", "result_chosen"] == shown

@@ -147,10 +147,12 @@ def collect() -> pd.DataFrame:
         The columns of choices.csv; ``quantity``, ``result_chosen`` and
         ``result_other``, one entry for each comparison, joined by semicolons;
         ``verdicts_that_turn``, ids of claims; ``notebook``. Empty where no notebook
-        compared on the simulation (notebook 12 shows the authors' frames).
+        compared; notebook 12 shows those on the authors' frames.
     """
     names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
-    rows = [each for each in index.rows("choices") if each.get("data") != "authors"]
+    rows = [
+        each for each in index.rows("choices") if not each["notebook"].startswith("12")
+    ]
     by_choice = pd.DataFrame(rows, columns=names).groupby("id")
     results = by_choice.agg(
         quantity=("quantity", "; ".join),
