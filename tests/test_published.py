@@ -17,6 +17,15 @@ from kilnflight.store import index
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((PROJECT / "notebooks").glob("*.py"))
 
+# What names a place, a kind or a setting is no result.
+NAMED = re.compile(
+    r"(?:Figs?\.|Eqs?\.|Tables?|sections?|chapter|notebooks?)\s[\dA-D][\d.]*"
+    r"(?:\([a-z]\))?(?:(?:,| and| to)\s[\dA-D][\d.]*(?! ?(?:%|mm|m/s|s\b)))*"
+    r"|\b[A-Z]\d+\b|\b\d-frame|\b[23]D|\b(?:19|20)\d\d\b|`[^`]*`|\$\$.*?\$\$"
+)
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?!\w|\.\d)")
+FEW = 12  # smaller whole numbers count things
+SHORT = 120  # rows of a table in which a number does not stand by chance
 LARGEST_MOVIE = 1_000_000  # bytes
 
 pytestmark = pytest.mark.published
@@ -97,6 +106,8 @@ def test_every_saved_table_of_the_thesis_has_published_values_beside_ours(publis
 def test_the_claims_are_those_of_the_notebooks(published):
     shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(shown, verdicts.collect(), check_dtype=False)
+    cut = shown["measured"].str.endswith("...")
+    assert shown.loc[cut, "id"].tolist() == []
     failed = shown[shown["verdict"] == claims.NOT_REPRODUCED]
     assert set(failed["because"]) <= set(claims.CAUSES), (
         "fill cause in data/reference/claims.csv"
@@ -146,6 +157,53 @@ def test_the_one_number_of_a_notebook_stands_in_its_tables(path, published, entr
     assert any(
         abs(scale * each - value) <= half for each in numbers for scale in scales
     ), line
+
+
+def numbers_in(text):
+    return {float(each) for each in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text)}
+
+
+@pytest.fixture(scope="module")
+def printed():
+    """Every number of data/reference: what works print, and inputs."""
+    texts = (
+        path.read_text() for path in (PROJECT / "data" / "reference").rglob("*.csv")
+    )
+    return numbers_in(" ".join(texts))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
+def test_numbers_of_openings_and_reasons_stand_in_tables(
+    path, published, entries, printed
+):
+    opening = re.match(r"# %% \[markdown\]\n(.*?)\n\n# %%", path.read_text(), re.S)[1]
+    concluded = index.load()["notebooks"][path.stem]
+    judged = concluded["verdicts"]
+    texts = [opening.replace("\n# ", " "), *(each["reason"] for each in judged)]
+    tables = [
+        (published / f"{name}.csv").read_text()
+        for name, each in entries.items()
+        if each["provenance"]["notebook"] == path.stem
+    ]
+    tables += [each["measured"] for each in judged]
+    tables += [f"{each['chosen']} {each['other']}" for each in concluded["choices"]]
+    known = set(printed)
+    for table in tables:
+        if table.count("\n") <= SHORT:
+            known |= numbers_in(table)
+    missing = []
+    for found in NUMBER.findall(" ".join(NAMED.sub(" ", text) for text in texts)):
+        value = float(found)
+        half = 0.5 * 10.0 ** -len(found.partition(".")[2]) + 1e-9
+        counts = "." not in found and abs(value) <= FEW
+        scales = (1.0, 100.0, 0.001)  # per cent, and m of mm
+        if not counts and not any(
+            abs(scale * abs(each) - abs(value)) <= half
+            for each in known
+            for scale in scales
+        ):
+            missing.append(found)
+    assert missing == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -281,6 +281,20 @@ def test_pages_print_whole_and_read_well_in_the_dark(site, browser, name):
     assert problems == []
 
 
+def test_the_movie_of_the_front_page_plays(site, browser):
+    page = browser.new_page()
+    page.goto((site / "index.html").as_uri(), wait_until="load")
+    seconds = page.locator("video").evaluate(
+        """async film => {
+            film.load();
+            await film.play();
+            return film.duration;
+        }"""
+    )
+    page.close()
+    assert seconds > 0.5
+
+
 def test_pages_are_light_and_nothing_leaves_the_disk(visits):
     for name, visit in visits.items():
         asked = {urlsplit(url) for url in visit["requests"]}
