@@ -63,7 +63,6 @@ def draw_fits(
     lance = plots.upright(lance_mm)
     axes.scatter(*lance, marker="x", color="red", s=25, depthshade=False)
     plots.label_camera_space(axes)
-    axes.locator_params(axis="y", nbins=3)
     axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the path is longest in depth
     axes.view_init(elev=15, azim=-65)
 
