@@ -34,6 +34,7 @@ from PIL import Image
 
 from kilnflight.checks import InputError
 from kilnflight.publication import choices, claims, figures, verdicts
+from kilnflight.publication.notebooks import known_parameters
 from kilnflight.store import index, paths
 from kilnflight.store.cache import write_whole
 
@@ -63,7 +64,7 @@ COLUMN_MM = 90.0  # a wider picture spans two columns
 STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
 Figures = dict[str, dict[str, Any]]  # entries of the index by id
 LONGEST = 150  # rows of a table that a page shows
-SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
+SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.] "
 PAGE_PX = 736.0  # width of a table on a desk
 COUNTS = ("tp", "fp", "fn", "seconds_per_image")  # shown last
 ON_PAGE = {  # columns of tables that have too many
@@ -81,6 +82,11 @@ ON_PAGE = {  # columns of tables that have too many
     ],
     "choices": [
         *("id", "not_printed", "chosen", "others", "decided_by", "verdicts_that_turn"),
+    ],
+    "claims": ["id", "verdict", "because", "published", "bound", "measured", "reason"],
+    "flight-recovery": [
+        *("fraction", "pressure_bar", "quantity", "printed", "true", "measured"),
+        *("low", "high", "recovered"),
     ],
     "fig-belt16-6-deviations": [
         *("material", "data", "approach", "quantity", "n"),
@@ -192,6 +198,11 @@ def table(name: str, folder: Path | None = None) -> str:
     """
     path = (folder or paths.figures()) / f"{name}.csv"
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    if name == "claims":
+        rows = rows.join(claims.load()["bound"].fillna(""), on="id")
+    if name == "errata":  # what touches a conclusion first
+        touching = rows["consequence"].str.match("yes|in part")
+        rows = pd.concat([rows[touching], rows[~touching]])
     shown = paired(rows[ON_PAGE.get(name, list(rows))].head(LONGEST))
     left_out = [column for column in rows if column not in ON_PAGE.get(name, rows)]
     while sum(map(widest, shown, shown.T.to_numpy())) > PAGE_PX:
@@ -290,6 +301,8 @@ def recorded(source: Path, known: Figures, ran: bool) -> nbformat.NotebookNode:
     notebook.cells[0].source = f"{title}\n\n{about}\n{rest}"
     for cell in notebook.cells:
         if cell.cell_type != "code":
+            page = r'<a href="documents/\1.html">\1</a>'
+            cell.source = re.sub(r"\bdocs/(\w+)\.md\b", page, cell.source)
             continue
         named = re.findall(r'"([a-z0-9-]+)"', cell.source)
         shown = [f"<figure id='{name}'>" for name in named if name in own]
@@ -508,6 +521,12 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
         if (measured / f"{name}.csv").is_file():
             text = table(name, measured)
         (pages / "documents" / f"{name}.inc").write_text(text)
+    parameters = {
+        path.stem: ", ".join(known_parameters(path))
+        for path in sorted((paths.root() / "notebooks").glob("*.py"))
+    }
+    text = render("parameters.inc", parameters=parameters)
+    (pages / "documents" / "parameters.inc").write_text(text)
     listed = numbers(known)
     tables = (row["label"] for row in listed if row["kind"] == "Table")
     place = next(tables).lower().replace(" ", "-").replace(".", "-")
@@ -519,6 +538,8 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     front = render("front.inc", movie=movie, headlines=shown, seeds=seeds)
     (pages / "front.inc").write_text(front)
     listed_chapters, total = chapters()
+    for row in listed_chapters:
+        row["page"] = known[row["shown"]]["page"] if row["shown"] in known else ""
     (pages / "verdicts.inc").write_text(
         render("verdicts.inc", chapters=listed_chapters, total=total)
     )
@@ -635,7 +656,8 @@ def cite(wanted: str) -> str:
     """
     with figures_in(paths.root() / "figures"):
         known = saved()
-    fitting = [name for name in known if name.startswith(wanted)]
+    fitting = [name for name in known if name.startswith(f"{wanted}-")]
+    fitting = fitting or [name for name in known if name.startswith(wanted)]
     if wanted in known:
         fitting = [wanted]
     if len(fitting) != 1:

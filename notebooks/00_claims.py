@@ -285,8 +285,8 @@ source = checks["where"].str.split(",").str[0]
 # %% [markdown]
 # ## Errata
 #
-# One row for each printed value that cannot be right, with its correction, and whether
-# a conclusion depends on it.
+# One row for each printed value that does not follow from others, with its correction,
+# and whether a conclusion depends on it.
 
 # %%
 wrong = checks[~checks["agrees"]].reset_index(drop=True)

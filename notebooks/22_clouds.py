@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Detection in point clouds: the clusterers find less than the detectors in pictures
+# # Detection in point clouds: F1 is lower than in pictures, as many clusters are false
 #
 # **The work.** The thesis (sections 2.2.4 to 2.2.6 and 5.1.3) clusters the point cloud
 # alone: by DBSCAN, by morphology (MO) and by quasi-cluster centres (QCC). The best F1

@@ -282,7 +282,7 @@ for k, name in enumerate(
             ylabel="row (px)",
         )
     caption = (
-        f"{name.capitalize()}s at each pressure: sum of the differences of {pictures} "
+        f"Flights of {name} at each pressure: sum of the differences of {pictures} "
         f"neighbouring frames, and trajectories from the lance; after Fig. A.{k}."
     )
     data = flying.loc[

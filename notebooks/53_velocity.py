@@ -12,9 +12,9 @@
 # **One number.** Measured median velocity of wood chips in the first metre at 4.5 bar:
 # 13.5 m/s printed, 13.2 m/s here. (True: 13.5 m/s.)
 #
-# **What disagrees.** Changes from 4.5 to 5 bar are smaller than the error. Few flights
-# are followed beyond 3 m. At 5 bar 22 points too many of the granules seem to pass 4 m,
-# and no chip seems to pass 3 m.
+# **What disagrees.** For chips the error exceeds the change from 4.5 to 5 bar. Few
+# flights are followed beyond 3 m. At 5 bar 22 points too many of the granules seem to
+# pass 4 m, and no chip seems to pass 3 m.
 
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full

@@ -168,7 +168,7 @@ for (source, values), key in product(sources.items(), simulated):
 data = pd.DataFrame(rows).rename(columns=ends)[["source", "fraction", *ends.values()]]
 picture = plots.draw_dwell_boxes(sources, list(simulated))
 caption = (
-    "Dwell times of complete flights, simulated and measured; after the right part "
+    "Dwell times of flights that count, simulated and measured; after the right part "
     "of Fig. A.6."
 )
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)

@@ -172,7 +172,7 @@ for row in whole.to_dict("records"):
 caption = (
     "Particles detected, with the 95 % interval of the share, and errors particle by "
     "particle: median of measured minus true with its 95 % interval; scatter: half the "
-    "range that holds 68 %. Campaign dwell: medians of complete flights and of all "
+    "range that holds 68 %. Campaign dwell: medians of flights that count and of all "
     "true ones. False flights: of no particle, of all that count."
 )
 table = campaigns.rows_by_campaign(rows)
