@@ -297,8 +297,8 @@ figures.save("calibration-fits", faults, caption=caption, provenance=origin)
 
 # %%
 result = (
-    f"The printed depth calibration (Eq. 2.4) jumps by {published.jumps()[0]:.0f} mm "
-    f"at 3 m. Between the plates it is off by up to {largest['printed']:.0f} mm, a "
+    f"Eq. 2.4 as printed jumps by {published.jumps()[0]:.0f} mm at 3 m. Between the "
+    f"plates it is off by up to {largest['printed']:.0f} mm, a "
     f"continuous fit by {largest['continuous']:.0f} mm."
 )
 figures.conclude(result, [], origin)
