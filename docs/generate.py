@@ -432,6 +432,15 @@ def chapters() -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
     return rows, {"kiln": counts(judged[kiln]), "belt": counts(judged[~kiln])}
 
 
+def recovered() -> dict[str, int]:
+    """Return how many numbers of flight and ignition are recovered: yes, no, open."""
+    path = paths.figures() / "flight-recovery.csv"
+    if not path.is_file():
+        return {}
+    found = pd.read_csv(path)["recovered"].value_counts()
+    return {name: int(found.get(name, 0)) for name in ("yes", "no", "open")}
+
+
 def counts(judged: pd.DataFrame) -> dict[str, Any]:
     """Return the numbers of claims, of each verdict, and of causes of failures."""
     verdict = judged["verdict"]
@@ -541,7 +550,7 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     for row in listed_chapters:
         row["page"] = known[row["shown"]]["page"] if row["shown"] in known else ""
     (pages / "verdicts.inc").write_text(
-        render("verdicts.inc", chapters=listed_chapters, total=total)
+        render("verdicts.inc", chapters=listed_chapters, total=total, flown=recovered())
     )
     (pages / "thumbnails.inc").write_text(render("thumbnails.inc", numbers=listed))
     for name in {row["thumbnail"]["name"] for row in listed if row["thumbnail"]}:
@@ -620,7 +629,8 @@ def readme() -> dict[Path, str]:
     for row in listed:
         notebook = known[row["shown"]]["provenance"]["notebook"]
         row["page"] = f"{notebook}.md#{row['shown']}"
-    results = render("results.md", chapters=listed, total=total)
+    flown = recovered()
+    results = render("results.md", chapters=listed, total=total, flown=flown)
     first, *_, last = results.splitlines()
     path = paths.root() / "README.md"
     found = re.fullmatch(f"(.*){first}.*{last}(.*)", path.read_text(), re.S)

@@ -216,7 +216,7 @@ def test_no_title_holds_a_measured_number(path):
     assert not re.search(r"\d+ ?(%|ms|mm|m/s|s\b|of\b)|\d[.]\d", printed), title
 
 
-def test_a_citation_names_work_and_package_and_near_ids():
+def test_a_citation_names_work_and_package_and_near_ids(published):
     generate = runpy.run_path(str(PROJECT / "docs" / "generate.py"))
     told = generate["cite"]("fig-5-19")
     assert told.startswith("fig-5-19-dwell-time\n")
@@ -225,6 +225,11 @@ def test_a_citation_names_work_and_package_and_near_ids():
     assert "title  = {Simulated: " in told
     assert "\\includegraphics[width=\\textwidth]{fig-5-19-dwell-time}" in told
     assert "@inproceedings{pfaff2016" in generate["cite"]("fig-belt16-6")
+    assert generate["cite"]("fig-5-1").startswith("fig-5-1-annotated-frame\n")
+    for each in generate["saved"]().values():
+        title = each["title"]
+        assert title.count("(") == title.count(")"), title
+        assert "Simulated: Simulated" not in each["cited"]["BibTeX"], title
     with pytest.raises(InputError, match="detection-scores"):
         generate["cite"]("detecton-scores")
 
