@@ -321,7 +321,7 @@ def displays(code: str) -> bool:
     *_, last = ast.parse(code).body or [None]
     if not isinstance(last, ast.Expr) or isinstance(last.value, ast.Constant):
         return False
-    return not re.search(r"(save|conclude|append|insert)\(", ast.unparse(last))
+    return not re.search(r"(save|conclude|append|insert|Markdown)\(", ast.unparse(last))
 
 
 def linked(text: str, folder: str = "") -> str:

@@ -12,7 +12,8 @@
 # **One number.** F1 of the median background: 0.8592 printed, 0.8828 here.
 #
 # **What disagrees.** The median is fourth of six, 0.009 behind the mean. With absolute
-# differences it is best, as printed, but all other models are 0.10 to 0.28 behind it.
+# differences it is best, as printed, but all other models are 0.10 to 0.28 behind it,
+# and three frames are worst.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full

@@ -213,7 +213,8 @@ save("belt-arrival-differences", paper_2020.with_unit(pairs, "ms"), caption=capt
 # All three materials slide with the same acceleration. A sphere also rolls, so it stops
 # sliding before it is as fast as the belt: inside the prediction phase. From there on
 # its acceleration is much smaller, as the velocity above shows. A model that uses the
-# acceleration before the phase does not know that.
+# acceleration before the phase does not know that. Cuboids and cylinders slide on until
+# 760 mm, where this table ends.
 
 
 # %%

@@ -14,9 +14,10 @@
 # 0.3951 s here. (261 flights; true: 0.3691 s.)
 #
 # **What disagrees.** Flights that land are right within 0.02 s in the median of each
-# campaign. Those that leave the view are 0.03 to 0.48 s too short. Chips at 4.5 bar
-# have three flights, and claims on fewer than six are open. The simulated granules fly
-# as long at 5 bar as at 4.5, since print contradicts itself there.
+# campaign. Those that leave the view are 0.03 to 0.48 s too short, and long flights are
+# lost more often, so medians fall too low (notebook 56). Chips at 4.5 bar have three
+# flights, and claims on fewer than six are open. The simulated granules fly as long at
+# 5 bar as at 4.5, since print contradicts itself there.
 
 # %% tags=["parameters"]
 # quick (two campaigns, few frames), standard (four, 200 frames each) or full
