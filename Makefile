@@ -25,7 +25,7 @@ VENV ?= .venv
 RUN := $(VENV)/bin/python
 # Notebooks often wait for a kernel: one more than cores, but not where each fills the memory.
 CORES := $(shell nproc 2>/dev/null || echo 1)
-JOBS ?= $(shell n=$$(($(CORES) + $(if $(filter full,$(SCALE)),0,1))); echo $$((n < 4 ? n : 4)))
+JOBS ?= $(shell n=$$(($(CORES) + $(if $(filter full seeds,$(SCALE) $(MAKECMDGOALS)),0,1))); echo $$((n < 4 ? n : 4)))
 # Scales never mix: figures/ holds what make full made.
 FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/build/$(SCALE)/figures))
 MAKEFLAGS += --no-print-directory

@@ -32,6 +32,7 @@ import pandas as pd
 from matplotlib.colors import to_rgb
 
 import kilnflight
+from kilnflight.checks import InputError
 from kilnflight.film.pictures import pictures
 from kilnflight.film.spreading import followed, speeds, square_displacements
 from kilnflight.publication import figures, style
@@ -140,6 +141,7 @@ figures.save(
 # %%
 TAIL = 20  # frames
 MOST_FRAMES = 150
+FRAMES_A_SECOND = 20  # slower than the film, so that one can follow
 WIDTH_PX = 500
 palette = [tuple(255 * np.array(to_rgb(each))[::-1]) for each in style.COLOURS[1:]]
 dark, light = np.percentile(film.gray(0), (0.1, 99.9))
@@ -165,7 +167,10 @@ def write_movie(path: Path) -> None:
     """Write the movie as VP9 in MP4, which browsers show."""
     views = [with_tails(t) for t in range(min(len(film), MOST_FRAMES))]
     size = views[0].shape[1::-1]
-    movie = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"vp09"), 20, size)
+    codec = cv2.VideoWriter_fourcc(*"vp09")
+    movie = cv2.VideoWriter(str(path), codec, FRAMES_A_SECOND, size)
+    if not movie.isOpened():
+        raise InputError(f"{path.name}: this OpenCV has no VP9; run make setup.")
     for view in views:
         movie.write(view)
     movie.release()

@@ -63,6 +63,8 @@ def test_what_is_unchanged_does_not_run_again(project, monkeypatch):
     assert ran() == ["02_one", "00_claims"]
     assert ran("standard", "--parameters", "02.seed=5") == ["02_one", "00_claims"]
     assert ran("standard", "--parameters", "02.seed=5") == []
+    assert ran("standard", "--build", "build/else", "--only", "02") == ["02_one"]
+    assert Path("build/else/02_one.stamp").is_file()
     assert ran() == ["02_one", "00_claims"]
     Path("data", "reference", "claims.csv").write_text("id\nbg-1\n")
     assert sorted(ran()) == STEMS

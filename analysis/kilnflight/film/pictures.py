@@ -83,9 +83,9 @@ def _spreading(displacements: pd.DataFrame) -> Figure:
     line = 4 * (diffusing * lag + error)
     fitted = f"4 · {diffusing:.3g} px²/frame · lag {4 * error:+.3g} px²"
     if line[0] < 0:  # a mean square is not
-        line *= float("nan")
-        fitted = "not diffusive: a line would begin below 0"
-    axes.plot(lag, line, label=fitted)
+        axes.set_title("not diffusive: a line would begin below 0")
+    else:
+        axes.plot(lag, line, label=fitted)
     axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
     axes.legend()
     return figure
