@@ -65,6 +65,7 @@ STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
 Figures = dict[str, dict[str, Any]]  # entries of the index by id
 LONGEST = 150  # rows of a table that a page shows
 SENTENCE_END = r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.] "
+ABOUT_DATA = r"[.;] (The |In the |in the )?CSV\b.*"  # last in a caption
 PAGE_PX = 736.0  # width of a table on a desk
 COUNTS = ("tp", "fp", "fn", "seconds_per_image")  # shown last
 ON_PAGE = {  # columns of tables that have too many
@@ -186,6 +187,7 @@ def saved(files: str = "figures", record: Figures | None = None) -> Figures:
                 each["width"] = round(figures.SCREEN_DPI * inches)
                 each["height"] = round(each["width"] * image.height / image.width)
             each["wide"] = 25.4 * inches > COLUMN_MM
+            each["printed"] = re.sub(ABOUT_DATA, ".", entry["caption"])
             each["cited"]["LaTeX"] = render("latex", **each)
         found[name] = each
     return found

@@ -172,7 +172,7 @@ save("tracking-scores", table, picture=picture, caption=caption)
 
 # %% tags=["hide-input"]
 shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
-picture, grid = style.canvas(5, len(shown), width_mm=150, height_mm=200)
+picture, grid = style.canvas(5, len(shown), sharex=True, width_mm=125, height_mm=215)
 tables = {}
 for window, column in zip(shown, grid.T, strict=True):
     fraction = window.fraction
@@ -189,13 +189,16 @@ for window, column in zip(shown, grid.T, strict=True):
         style.draw_tracks(axes, scores.from_lance(tracks, window.lance))
         axes.set_title(f"{fraction}: {name}")
 caption = (
-    "Simulated: true trajectories and those of GNN and JPDA, without and with "
-    "post-processing, on the sum of frame differences; after Figs 5.12, 5.14 and 5.15. "
-    "Colour: tracks from the lance; grey: others. Black: where the burner's flame is "
-    "cut out."
+    "Trajectories of the truth, of GNN and of JPDA, without and with post-processing, "
+    "on the sum of frame differences; after Figs 5.12, 5.14 and 5.15. Colour: tracks "
+    "from the lance; grey: others. Black: the burner's flame, cut out."
 )
-table = tracking.joined_tables(tables, "tracks")
-save("fig-5-12-trajectories", table, picture=picture, caption=caption)
+save(
+    "fig-5-12-trajectories",
+    tracking.joined_tables(tables, "tracks"),
+    picture=picture,
+    caption=caption,
+)
 
 # %% [markdown]
 # ## Optical ground truth

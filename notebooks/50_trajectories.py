@@ -226,7 +226,7 @@ for (above, below), campaign in zip(grid.T, chosen, strict=False):
     for axes, gray in ((above, False), (below, True)):
         panels.draw_fits(axes, tracks, first, campaign.run.exit_point_mm, gray)
         axes.set_title(campaign.fraction, y=0.98)
-        axes.locator_params(axis="y", nbins=2)
+        axes.locator_params(nbins=3)
     parts[campaign.key] = tracks
 picture.colorbar(
     below.collections[0],
@@ -283,7 +283,8 @@ for k, name in enumerate(
         )
     caption = (
         f"Flights of {name} at each pressure: sum of the differences of {pictures} "
-        f"neighbouring frames, and trajectories from the lance; after Fig. A.{k}."
+        "neighbouring frames, and trajectories from the lance in all frames; after "
+        f"Fig. A.{k}."
     )
     data = flying.loc[
         flying["fraction"] == name, [*KEYS, "particle", "frame", "row", "col"]

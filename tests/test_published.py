@@ -230,6 +230,7 @@ def test_a_citation_names_work_and_package_and_near_ids(published):
         title = each["title"]
         assert title.count("(") == title.count(")"), title
         assert "Simulated: Simulated" not in each["cited"]["BibTeX"], title
+        assert "CSV" not in each["cited"].get("LaTeX", ""), title
     with pytest.raises(InputError, match="detection-scores"):
         generate["cite"]("detecton-scores")
 
