@@ -51,7 +51,7 @@ notebooks: $(VENV)/installed build/external.txt ## the notebooks that are out of
 	@KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) tools/schedule.py $(SCALE) --jobs $(JOBS) --only $(ONLY) --parameters $(PARAMETERS)
 film: $(VENV)/installed ## the notebook of one film of yours, into build/film: make film RECORDING=path
 	@export KILNFLIGHT_FIGURES=$(CURDIR)/build/film/figures; \
-	  $(RUN) -m kilnflight.publication.notebooks notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"; \
+	  $(RUN) tools/execute.py notebooks/60_own_film.py --build build/film -p scale=full -p "60.recording=$(RECORDING)"; \
 	  $(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)

@@ -16,6 +16,7 @@ import ast
 import difflib
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -34,11 +35,11 @@ from PIL import Image
 
 from kilnflight.checks import InputError
 from kilnflight.publication import choices, claims, figures, verdicts
-from kilnflight.publication.notebooks import known_parameters
 from kilnflight.store import index, paths
 from kilnflight.store.cache import write_whole
 
 DOCS = Path(__file__).parent
+EXECUTE = runpy.run_path(str(DOCS.parent / "tools" / "execute.py"))
 # By title: a pattern of work and place of its claims, numbers of the notebooks whose
 # results are shown, and a table to read first.
 CHAPTERS = {
@@ -533,7 +534,7 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
             text = table(name, measured)
         (pages / "documents" / f"{name}.inc").write_text(text)
     parameters = {
-        path.stem: ", ".join(known_parameters(path))
+        path.stem: ", ".join(EXECUTE["known_parameters"](path))
         for path in sorted((paths.root() / "notebooks").glob("*.py"))
     }
     text = render("parameters.inc", parameters=parameters)

@@ -130,8 +130,10 @@ LONGEST = ("10", "20", "60", "50")
 # Executes notebooks one after the other: to start papermill takes half a second.
 EXECUTE = """
 import sys
-from kilnflight.publication.notebooks import main
-build, *paths = sys.argv[1:]
+tools, build, *paths = sys.argv[1:]
+sys.path.insert(0, tools)
+from execute import main
+
 sys.exit(max([main([path, "--build", build, "-p", "scale=quick"]) for path in paths]))
 """
 
@@ -164,7 +166,7 @@ def _run_all(folder: Path) -> None:
         assert done.returncode == 0, done.stderr
 
     def execute(paths):
-        run("-c", EXECUTE, build, *map(str, paths))
+        run("-c", EXECUTE, str(PROJECT / "tools"), build, *map(str, paths))
 
     early = [
         path for number in LONGEST for path in sources if path.stem.startswith(number)

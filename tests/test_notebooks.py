@@ -9,8 +9,9 @@ import jupytext
 import pandas as pd
 import pytest
 from tests.definitions.bounds import impossible
+from tools import execute
 
-from kilnflight.publication import claims, notebooks
+from kilnflight.publication import claims
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -47,7 +48,7 @@ def test_a_notebook_keeps_the_rules(path):
         "**What disagrees.**",
     ):
         assert words in first
-    assert {"scale", "seed"} <= set(notebooks.known_parameters(path))
+    assert {"scale", "seed"} <= set(execute.known_parameters(path))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     assert max(len(cell.splitlines()) for cell in code) <= 40
     assert "figures.conclude(" in code[-1]

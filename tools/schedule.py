@@ -16,8 +16,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from execute import parse_parameters
+
 from kilnflight.checks import InputError
-from kilnflight.publication.notebooks import parse_parameters
 from kilnflight.store import paths
 from kilnflight.store.cache import PACKAGE, write_whole
 
@@ -207,7 +208,7 @@ def time_left(plan: Plan, waiting: Sequence[Path]) -> str:
 def _started(plan: Plan, source: Path) -> subprocess.Popen[bytes]:
     """Return the process that executes a notebook."""
     (plan.build / f"{source.stem}.stamp").unlink(missing_ok=True)
-    command = [sys.executable, "-m", "kilnflight.publication.notebooks", str(source)]
+    command = [sys.executable, "tools/execute.py", str(source)]
     command += ["--build", str(plan.build)]
     for parameter in plan.arguments(source):
         command += ["-p", parameter]

@@ -2,6 +2,7 @@ import re
 
 import nbformat
 import pytest
+from tools import execute as executor
 
 from kilnflight.publication import notebooks
 
@@ -29,7 +30,7 @@ def execute(folder, given="scale=standard", last="1 + 1"):
     path, build = folder / "07_test.py", folder / "build"
     path.write_text(SOURCE.replace("LAST", last))
     options = [part for one in given.split(" ") for part in ("-p", one)]
-    code = notebooks.main([str(path), "--build", str(build), *options])
+    code = executor.main([str(path), "--build", str(build), *options])
     return code, {file.name: outputs(file) for file in build.glob("*")}
 
 
