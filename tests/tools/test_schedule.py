@@ -9,11 +9,11 @@ import pytest
 from tools import schedule
 
 STAND_IN = """#!/bin/sh
-stem=$(basename "$3" .py)
+stem=$(basename "$2" .py)
 echo "$stem $*" >> asked
 [ -e "fail-$stem" ] && exit 7
-mkdir -p "$5" && touch "$5/$stem.ipynb" "$stem.csv"
-echo "$PWD/$stem.csv" > "$5/$stem.saved"
+mkdir -p "$4" && touch "$4/$stem.ipynb" "$stem.csv"
+echo "$PWD/$stem.csv" > "$4/$stem.saved"
 """
 STEMS = ["00_claims", "02_one", "26_two"]
 CAMPAIGNS = ["23_compiles", "45_belt", "50_campaigns", "52_late", "60_early"]
