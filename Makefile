@@ -55,7 +55,7 @@ film: $(VENV)/installed ## the notebook of one film of yours, into build/film: m
 	  $(RUN) docs/generate.py build/film build/film/site
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
-	@$(RUN) -m kilnflight.publication.data $(if $(filter all,$(PARTS)),--all) && mkdir -p build && touch build/external.txt
+	@$(RUN) tools/fetch.py $(if $(filter all,$(PARTS)),--all) && mkdir -p build && touch build/external.txt
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" tests analysis
 faults: $(VENV)/installed ## try some 10,000 faults of input, and count what becomes of them
@@ -81,8 +81,8 @@ help: ## list the targets and settings
 	@sed -nE 's/^([a-z][a-z ]*):[^#=]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 28
 
 # The authors' data if there is a network; a second make does not ask again (make data does).
-build/external.txt: analysis/kilnflight/publication/data.py | $(VENV)/installed
-	@mkdir -p build; $(RUN) -m kilnflight.publication.data --optional && touch $@
+build/external.txt: tools/fetch.py | $(VENV)/installed
+	@mkdir -p build; $(RUN) tools/fetch.py --optional && touch $@
 $(VENV)/installed: requirements.lock pyproject.toml
 	@PYTHON=$(PYTHON) VENV=$(VENV) bash .ci/setup
 	@touch $@

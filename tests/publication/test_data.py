@@ -4,6 +4,7 @@ import threading
 from functools import partial
 
 import pytest
+from tools import fetch
 
 from kilnflight.checks import InputError
 from kilnflight.publication import data
@@ -46,10 +47,10 @@ def server(tmp_path):
 
 def test_a_file_is_fetched_once(folder, server):
     offer(f"{server}/good.zip")
-    assert data.fetch(NAME) == folder / NAME
+    assert fetch.fetch(NAME) == folder / NAME
     assert (folder / NAME).read_bytes() == CONTENT
     offer("http://127.0.0.1:1/gone")
-    assert data.fetch(NAME) == data.find(NAME) == folder / NAME
+    assert fetch.fetch(NAME) == data.find(NAME) == folder / NAME
 
 
 @pytest.mark.parametrize(
@@ -63,14 +64,14 @@ def test_a_file_is_fetched_once(folder, server):
 def test_what_cannot_be_fetched_whole_is_not_kept(folder, server, address, error):
     offer(address.format(server=server))
     with pytest.raises(error):
-        data.fetch(NAME)
+        fetch.fetch(NAME)
     assert not [path for path in folder.rglob("*") if path.is_file()]
 
 
 def test_a_file_with_another_checksum_is_never_used(folder):
     (folder / "belt").mkdir(parents=True)
     (folder / NAME).write_bytes(b"other")
-    for call in (data.find, data.fetch):
+    for call in (data.find, fetch.fetch):
         with pytest.raises(InputError, match=NAME):
             call(NAME)
 
@@ -82,9 +83,9 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
     def nothing(name):
         raise OSError(f"{name}: no connection")
 
-    monkeypatch.setattr(data, "fetch", nothing)
-    monkeypatch.setattr(data, "fetch_labelled", nothing)
-    assert data.main(arguments) == code
+    monkeypatch.setattr(fetch, "fetch", nothing)
+    monkeypatch.setattr(fetch, "fetch_labelled", nothing)
+    assert fetch.main(arguments) == code
     output = "".join(capsys.readouterr())
     assert "own simulation" in output
     assert len(output.splitlines()) == 1
@@ -93,10 +94,10 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
 def test_the_first_download_is_pinned_beside_the_file(tmp_path):
     path = tmp_path / "set.zip"
     path.write_bytes(CONTENT)
-    assert data.pin(path) == data.pin(path) == hashlib.sha256(CONTENT).hexdigest()
+    assert fetch.pin(path) == fetch.pin(path) == hashlib.sha256(CONTENT).hexdigest()
     path.write_bytes(CONTENT[:3])
     with pytest.raises(InputError, match=r"set\.zip"):
-        data.pin(path)
+        fetch.pin(path)
 
 
 def test_labelled_frames_are_named_or_lie_where_they_were_unpacked(
@@ -131,9 +132,9 @@ def test_without_one_server_the_other_is_asked(folder, monkeypatch, capsys):
         raise OSError(f"{name}: no connection")
 
     asked = []
-    monkeypatch.setattr(data, "fetch", nothing)
-    monkeypatch.setattr(data, "fetch_labelled", asked.append)
-    assert data.main([]) == 1
+    monkeypatch.setattr(fetch, "fetch", nothing)
+    monkeypatch.setattr(fetch, "fetch_labelled", asked.append)
+    assert fetch.main([]) == 1
     assert asked == [False]
     assert data.LABELLED_ARCHIVE not in "".join(capsys.readouterr())
 
@@ -172,13 +173,13 @@ def test_labelled_frames_are_fetched_once_and_their_parts_when_asked(
         return Record(path, base_url)
 
     monkeypatch.setattr("pooch.create", create)
-    (archive,) = data.fetch_labelled(every=False)
-    assert data.pin(archive) in capsys.readouterr().out
-    assert data.fetch_labelled(every=False) == [archive]
-    assert asked == [data.LABELLED_DOI]
+    (archive,) = fetch.fetch_labelled(every=False)
+    assert fetch.pin(archive) in capsys.readouterr().out
+    assert fetch.fetch_labelled(every=False) == [archive]
+    assert asked == [fetch.LABELLED_DOI]
     archive.with_name(f"{archive.name}.sha256").unlink()
-    names = [path.name for path in data.fetch_labelled(every=True)]
+    names = [path.name for path in fetch.fetch_labelled(every=True)]
     assert names == [data.LABELLED_ARCHIVE, "part.zip"]
     archive.write_bytes(b"other")
     with pytest.raises(InputError, match=archive.name):
-        data.fetch_labelled(every=False)
+        fetch.fetch_labelled(every=False)
