@@ -21,7 +21,7 @@ gate is missed with weight 1.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,15 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csgraph, csr_array
 
 from kilnflight.arrays import Array, Flags, Index
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import (
+    InputError,
+    NotNegative,
+    Number,
+    Range,
+    Settings,
+    check_finite,
+    check_number,
+)
 
 
 class Pairs(NamedTuple):
@@ -65,7 +73,7 @@ _Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its ve
 
 
 @dataclass(frozen=True)
-class GNN:
+class GNN(Settings):
     """Find the assignment of least global cost (Eqs 2.49 and 4.9).
 
     Global nearest neighbour, one of the two trackers of the thesis (Table 5.17). A
@@ -98,13 +106,8 @@ class GNN:
     [[0, 1], [0, 1]]
     """
 
-    size_weight: float = 0.01
-    nonassignment_cost: float = 50.0
-
-    def __post_init__(self) -> None:
-        name = type(self).__name__
-        check_number(self.size_weight, f"{name}: size_weight", least=0)
-        check_number(self.nonassignment_cost, f"{name}: nonassignment_cost")
+    size_weight: NotNegative = 0.01
+    nonassignment_cost: Number = 50.0
 
     def __call__(self, pairs: Pairs) -> Flags:
         """Return the pairs (p,) of the optimum."""
@@ -153,7 +156,7 @@ class NearestNeighbor(GNN):
     [[0], [1]]
     """
 
-    size_weight: float = 0.0
+    size_weight: NotNegative = 0.0
 
     def __call__(self, pairs: Pairs) -> Flags:
         """Return the taken pairs (p,), at most one per track and detection."""
@@ -167,7 +170,7 @@ class NearestNeighbor(GNN):
 
 
 @dataclass(frozen=True)
-class PDA:
+class PDA(Settings):
     """Weight the detections of each track on its own (Eqs 4.10 to 4.13).
 
     Eq. 4.11 prints e_j = exp(-c / 2) with the cost c of Eq. 4.9. Here c is without ``ln
@@ -195,14 +198,8 @@ class PDA:
     [0.788, 0.176]
     """
 
-    detection_probability: float = 0.9
-    size_weight: float = 0.01
-
-    def __post_init__(self) -> None:
-        name = type(self).__name__
-        share = self.detection_probability
-        check_number(share, f"{name}: detection_probability", above=0, below=1)
-        check_number(self.size_weight, f"{name}: size_weight", least=0)
+    detection_probability: Annotated[float, Range(above=0, below=1)] = 0.9
+    size_weight: NotNegative = 0.01
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return the weights beta (p,) of Eq. 4.10."""

@@ -1,11 +1,22 @@
-"""Checks of columns, shapes and numbers, and the error for unusable input."""
+"""Checks of columns, shapes, numbers and settings; the error for unusable input."""
 
 import math
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
+from functools import cache
 from numbers import Real
-from typing import Any
+from types import NoneType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 import numpy.typing as npt
@@ -178,3 +189,85 @@ def check_number(
         if math.isfinite(limit):
             rules.append(f"{word} {limit:g}")
     raise InputError(f"{where}: must be {', '.join(rules)}, got {value!r}.")
+
+
+class Range(NamedTuple):
+    """Limits of a number, as `check_number` takes them, and whether it may be infinite.
+
+    Infinite means without limit.
+    """
+
+    least: float = -math.inf
+    most: float = math.inf
+    above: float = -math.inf
+    below: float = math.inf
+    infinite: bool = False
+
+
+# Kinds of the fields of settings.
+Number = Annotated[float, Range()]
+Positive = Annotated[float, Range(above=0)]
+NotNegative = Annotated[float, Range(least=0)]
+Unlimited = Annotated[float, Range(least=0, infinite=True)]
+Share = Annotated[float, Range(least=0, most=1)]
+Count = Annotated[int, Range(least=1)]
+CountFrom0 = Annotated[int, Range(least=0)]
+
+
+class Settings:
+    """Base of frozen dataclasses whose fields are checked by their kinds."""
+
+    def __post_init__(self) -> None:
+        settings: Any = type(self)
+        for name, kind in _kinds(settings).items():
+            where = f"{type(self).__name__}: {name}"
+            value = _checked(getattr(self, name), kind, where)
+            object.__setattr__(self, name, value)
+
+
+@cache
+def _kinds(settings: Any) -> dict[str, Any]:
+    """Return the kinds of the fields of settings, by name."""
+    kinds = get_type_hints(settings, include_extras=True)
+    return {each.name: kinds[each.name] for each in fields(settings)}
+
+
+def _checked(value: Any, kind: Any, where: str) -> Any:
+    """Return a value of a kind as Python's own; objects are not checked."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    parts = get_args(kind)
+    if NoneType in parts:
+        if value is None:
+            return None
+        kind = parts[0]
+        parts = get_args(kind)
+    origin = get_origin(kind)
+    if origin is tuple:
+        return _checked_each(value, parts, where)
+    limits = Range()
+    if origin is Annotated:
+        kind, limits = parts
+    if kind in (int, float):
+        *ends, infinite = limits
+        if infinite and value == math.inf:
+            return value
+        rules = dict(zip(Range._fields, ends, strict=False))
+        return check_number(value, where, whole=kind is int, **rules)
+    if origin is Literal and value not in parts:
+        raise InputError(f"{where}: {value!r} is not {' or '.join(parts)}.")
+    if kind in (bool, str) and type(value) is not kind:
+        raise InputError(f"{where}: must be {kind.__name__}, got {value!r}.")
+    return value
+
+
+def _checked_each(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    """Return values of kinds, or of one kind where ``...`` follows it, as a tuple."""
+    if not isinstance(values, list | tuple | np.ndarray):
+        raise InputError(f"{where}: must be several values, got {values!r}.")
+    if kinds[-1] is Ellipsis:
+        kinds = kinds[:1] * len(values)
+    if len(values) != len(kinds):
+        raise InputError(f"{where}: must be {len(kinds)} values, got {values!r}.")
+    both = zip(values, kinds, strict=True)
+    return tuple(_checked(value, kind, where) for value, kind in both)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, Settings, check_finite
 
 SEEN = "seen"
 NONE = "none"
@@ -55,7 +55,7 @@ class IgnitionResult(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ignition:
+class Ignition(Settings):
     """Test for one step upwards in the grey values of a track, above those behind it.
 
     "If the gray value increases abruptly, the particles can be assumed ignited"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import zip_longest
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,14 @@ from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import (
+    InputError,
+    Range,
+    Settings,
+    Share,
+    check_finite,
+    check_number,
+)
 from kilnflight.tables import (
     AXES,
     HIGHEST_ORDER,
@@ -37,7 +44,9 @@ UNKNOWN: Three = (np.nan,) * 3  # a measure that is not defined along any axis
 FITTED = "fitted"
 NO_DEPTH = "no depth"
 TOO_FEW = "too few points"
-AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
+Measure = Literal["rmse_mm", "mape_percent", "r2", "r2_adjusted"]
+AXIS_MEASURES = get_args(Measure)
+Order = Annotated[int, Range(least=1, most=9)]  # of a polynomial
 BETTER = np.array([-1.0, -1.0, 1.0, 1.0])  # sign of a gain: errors fall, R2 rises
 # Columns of `TRAJECTORIES` and fields of `Fit`; ``{}`` stands for x, y, z.
 _FIELDS = {
@@ -142,7 +151,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Regression:
+class Regression(Settings):
     """Least-squares fit of t0, the time at the lance, and of one polynomial per axis.
 
     Notes
@@ -177,21 +186,16 @@ class Regression:
     (0.1, [[0.0, 0.0, -10000.0]])
     """
 
-    lowest: int = 2
-    highest: int = 6
-    gain: float = 0.01
-    measures: tuple[str, ...] = AXIS_MEASURES
+    lowest: Order = 2
+    highest: Order = 6
+    gain: Share = 0.01
+    measures: tuple[Measure, ...] = AXIS_MEASURES
 
     def __post_init__(self) -> None:
-        where = "Regression: "
-        check_number(self.lowest, where + "lowest", least=1, most=9, whole=True)
-        check_number(
-            self.highest, where + "highest", least=self.lowest, most=9, whole=True
-        )
-        check_number(self.gain, where + "gain", least=0, most=1)
-        if not self.measures or set(self.measures) - set(AXIS_MEASURES):
+        super().__post_init__()
+        if self.lowest > self.highest or not self.measures:
             raise InputError(
-                f"Regression: measures: name some of {', '.join(AXIS_MEASURES)}."
+                "Regression: highest is below lowest, or measures names none."
             )
 
     @property

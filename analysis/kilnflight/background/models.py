@@ -21,7 +21,13 @@ from kilnflight.background.sliding_median import (
     Backgrounds,
     window_medians,
 )
-from kilnflight.checks import check_number
+from kilnflight.checks import (
+    Count,
+    NotNegative,
+    Positive,
+    Settings,
+    Share,
+)
 
 _Image = npt.NDArray[Any]
 
@@ -38,7 +44,7 @@ def _partner(index: int, step: int, length: int) -> int:
 
 
 @dataclass(frozen=True)
-class Subtraction:
+class Subtraction(Settings):
     """Subtract a background from each frame.
 
     Parameters
@@ -85,13 +91,8 @@ class TwoFrame(Subtraction):
     array([[0., 4.]], dtype=float32)
     """
 
-    interval: int = 3  # frames, Table 5.4
+    interval: Count = 3  # frames, Table 5.4
     _sides: ClassVar[tuple[int, ...]] = (-1,)  # -1: an earlier frame, 1: a later one
-
-    def __post_init__(self) -> None:
-        check_number(
-            self.interval, f"{type(self).__name__}: interval", least=1, whole=True
-        )
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
@@ -146,11 +147,8 @@ class WindowModel(Subtraction, ABC):
         Frames around each frame, from 1.
     """
 
-    window: int
+    window: Count
     _room: ClassVar[int] = 1  # frames held beside the window
-
-    def __post_init__(self) -> None:
-        check_number(self.window, f"{type(self).__name__}: window", least=1, whole=True)
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
@@ -211,7 +209,7 @@ class Mean(WindowModel):
     array([[0., 3.]], dtype=float32)
     """
 
-    window: int = 50  # frames, Table 5.4
+    window: Count = 50  # frames, Table 5.4
 
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
         return ((t, _mean(held, t, self.window)) for t in indices)
@@ -256,7 +254,7 @@ class Median(WindowModel):
     array([[84.5]], dtype=float32)
     """
 
-    window: int = 150  # frames, Table 5.4
+    window: Count = 150  # frames, Table 5.4
     _room: ClassVar[int] = MEDIAN_CHUNK
 
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
@@ -290,12 +288,8 @@ class Adaptive(WindowModel):
     array([[7.]], dtype=float32)
     """
 
-    window: int = 50  # frames, Table 5.4
-    learning_rate: float = 0.05  # Table 5.4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_number(self.learning_rate, "Adaptive: learning_rate", least=0, most=1)
+    window: Count = 50  # frames, Table 5.4
+    learning_rate: Share = 0.05  # Table 5.4
 
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
         return ((t, self._learn(held, t, _mean(held, t, self.window))) for t in indices)
@@ -348,14 +342,9 @@ class RunningGaussian(WindowModel):
     array([[0. , 9.9]], dtype=float32)
     """
 
-    window: int = 10  # frames, Table 5.4
-    memory: float = 0.99  # Table 5.4
-    k: float = 0.4  # Table 5.4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_number(self.memory, "RunningGaussian: memory", least=0, most=1)
-        check_number(self.k, "RunningGaussian: k", least=0)
+    window: Count = 10  # frames, Table 5.4
+    memory: Share = 0.99  # Table 5.4
+    k: NotNegative = 0.4  # Table 5.4
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
@@ -388,7 +377,7 @@ class RunningGaussian(WindowModel):
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Surroundings(Settings):
     """Subtract each frame's own blur, for particles that rest; not in the thesis.
 
     Positive differences stay, as with `Median`.
@@ -399,7 +388,7 @@ class Surroundings:
         Standard deviation of the Gaussian in px; wider things are background.
     """
 
-    width_px: float = 20.0
+    width_px: Positive = 20.0
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32."""

@@ -14,7 +14,7 @@ import scipy  # scipy.stats loads on first use: it takes a quarter of a second
 
 from kilnflight.arrays import Array, Flags, Picture
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, Number, Positive, Settings, check_finite
 
 # All five are choices.
 PROFILES = 200  # across each side of the belt
@@ -41,7 +41,7 @@ def check_picture(
 
 
 @dataclass(frozen=True)
-class Area:
+class Area(Settings):
     """A rectangle of the belt in the coordinates of the tracks.
 
     Parameters
@@ -53,15 +53,14 @@ class Area:
         Limit of y, across the belt, from 0 (2020, section 3).
     """
 
-    start_mm: float = BELT_START_MM
-    end_mm: float = BELT_EDGE_MM
-    width_mm: float = BELT_WIDTH_MM
+    start_mm: Number = BELT_START_MM
+    end_mm: Number = BELT_EDGE_MM
+    width_mm: Positive = BELT_WIDTH_MM
 
     def __post_init__(self) -> None:
-        if not (self.start_mm < self.end_mm and self.width_mm > 0):
-            raise InputError(
-                f"Area: end_mm must be beyond start_mm, width_mm above 0: {self}."
-            )
+        super().__post_init__()
+        if self.start_mm >= self.end_mm:
+            raise InputError(f"Area: end_mm must be beyond start_mm: {self}.")
 
     @property
     def corners(self) -> Array:

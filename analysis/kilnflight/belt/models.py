@@ -30,7 +30,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import InputError, Positive, Settings, check_finite, check_number
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 BELT_START_MM = 388.0  # along the belt, in the authors' files of 2020
@@ -243,7 +243,7 @@ class CA(ArrivalModel):
 
 
 @dataclass(frozen=True)
-class CALV(ArrivalModel):
+class CALV(Settings, ArrivalModel):
     """Constant acceleration up to a limit of the velocity, then constant velocity.
 
     Parameters
@@ -260,10 +260,7 @@ class CALV(ArrivalModel):
     acceleration beyond the belt's velocity).
     """
 
-    limit_mm_s: float = BELT_VELOCITY_MM_S
-
-    def __post_init__(self) -> None:
-        check_number(self.limit_mm_s, "CALV: limit_mm_s", above=0)
+    limit_mm_s: Positive = BELT_VELOCITY_MM_S
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         limit = np.maximum(self.limit_mm_s, velocity)

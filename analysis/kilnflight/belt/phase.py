@@ -27,7 +27,7 @@ from kilnflight.belt.models import (
     time_to_cover,
 )
 from kilnflight.belt.tracker import LEFT, Followed
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, NotNegative, Number, Settings
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 CALIBRATION_SHARE = 0.01  # "at most 1 % of all particles" (sec. 5)
@@ -55,7 +55,7 @@ class Observed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PredictionPhase:
+class PredictionPhase(Settings):
     """Start and target of a prediction, as places x along the belt in mm.
 
     The paper predicts from 150 mm before the edge of the belt to the edge (sec. 5). The
@@ -86,11 +86,12 @@ class PredictionPhase:
     0.4
     """
 
-    start_mm: float = BELT_EDGE_MM - 150.0
-    target_mm: float = BELT_EDGE_MM
-    extrapolated_mm: float = 15.0
+    start_mm: Number = BELT_EDGE_MM - 150.0
+    target_mm: Number = BELT_EDGE_MM
+    extrapolated_mm: NotNegative = 15.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.start_mm < self.target_mm:
             raise InputError(
                 f"PredictionPhase: target_mm {self.target_mm} is not beyond start_mm."

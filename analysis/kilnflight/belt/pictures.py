@@ -14,7 +14,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Integers, Picture
 from kilnflight.belt.camera import TRACKED, Area, Calibration, check_picture
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, NotNegative, Settings, Unlimited
 from kilnflight.tables import BELT_SPOTS
 
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
@@ -47,7 +47,7 @@ def average(pictures: Iterable[Picture]) -> Picture:
 
 
 @dataclass(frozen=True)
-class Spots:
+class Spots(Settings):
     """Connected areas that differ from the background, as centroids.
 
     Particles that touch are one spot at their common centroid. Spots that are larger
@@ -72,8 +72,8 @@ class Spots:
     cylinders side by side are cut across, though.
     """
 
-    threshold: float = 40.0
-    single_px: float = np.inf
+    threshold: NotNegative = 40.0
+    single_px: Unlimited = np.inf
     split: bool = False
 
     def __call__(self, picture: Picture, background: Picture) -> Array:

@@ -21,7 +21,7 @@ from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import Pairs, assign
 from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
-from kilnflight.checks import InputError, check_number
+from kilnflight.checks import InputError, Positive, Settings, check_number
 from kilnflight.tables import BELT_ENDS, BELT_STATES, MEASURED
 from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion
 from kilnflight.tracking.tracker import ExtraColumns, Step, Tracks, follow
@@ -89,7 +89,7 @@ def constant_velocity(
 
 
 @dataclass(frozen=True)
-class Appearance:
+class Appearance(Settings):
     """Likelihoods by place on the belt that a track begins or is not observed.
 
     Parameters
@@ -117,10 +117,10 @@ class Appearance:
     """
 
     area: Area = TRACKED
-    arrivals: float = 1.0
-    entry_mm: float = 7.5
-    entry_blur_mm: float = 2.5
-    clutter: float = 0.1
+    arrivals: Positive = 1.0
+    entry_mm: Positive = 7.5
+    entry_blur_mm: Positive = 2.5
+    clutter: Positive = 0.1
 
     @property
     def clutter_density(self) -> float:
@@ -199,7 +199,7 @@ class Followed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BeltTracker:
+class BeltTracker(Settings):
     """Track particles by global nearest neighbour with entries, exits and scores.
 
     A track's score is the log likelihood ratio of a particle against dirt (Blackman and
@@ -239,7 +239,7 @@ class BeltTracker:
 
     motion: Motion = _MOTION
     appearance: Appearance = _APPEARANCE
-    frame_s: float = BELT_FRAME_S
+    frame_s: Positive = BELT_FRAME_S
 
     def __call__(self, measured: pd.DataFrame, frames: int = 0) -> Followed:
         """Return the states of all tracks in all frames, and how each ended.

@@ -14,6 +14,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
+from kilnflight.checks import Count, NotNegative, Number, Positive, Settings
 
 # Valve, and times in s of the commands to open and to close, (k,) each.
 Events = tuple[Integers, Array, Array]
@@ -41,7 +42,7 @@ def _mean(flags: Flags) -> float:
 
 
 @dataclass(frozen=True)
-class ValveBar:
+class ValveBar(Settings):
     """Evenly spaced valves across the belt, and when each of them opens.
 
     For each prediction the nearest valve opens for ``open_s``. The middle of that time
@@ -80,13 +81,13 @@ class ValveBar:
     0.5
     """
 
-    valves: int = 32
-    belt_mm: float = BELT_WIDTH_MM
-    valve_mm: float | None = None
-    open_s: float = 0.005
-    latency_s: float = 0.0
-    delay_s: float = 0.0
-    dead_s: float = 0.0
+    valves: Count = 32
+    belt_mm: Positive = BELT_WIDTH_MM
+    valve_mm: Positive | None = None
+    open_s: NotNegative = 0.005
+    latency_s: NotNegative = 0.0
+    delay_s: Number = 0.0
+    dead_s: NotNegative = 0.0
 
     @property
     def pitch_mm(self) -> float:

@@ -35,6 +35,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Index, Integers, Single
+from kilnflight.checks import Positive, Settings
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.detection.region import inside
@@ -228,7 +229,7 @@ class View(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Combination:
+class Combination(Settings):
     """Find particles by any 2D detector combined with any clusterer (chapter 3.1).
 
     Parameters
@@ -266,7 +267,7 @@ class Combination:
     clusterer: Clusterer = PARTICLE_PASS
     wall: Clusterer = WALL_PASS
     rectangular: bool = True
-    largest_px: float = LARGEST_PX
+    largest_px: Positive = LARGEST_PX
 
     def __call__(
         self, view: View, roi: Polygon | None = None, frame: int = 0
@@ -346,7 +347,7 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Planar:
+class Planar(Settings):
     """Find particles in pictures alone, for recordings without depth.
 
     Sections 2.2.2 and 2.2.3 of the thesis. No frame difference is needed, so particles
@@ -363,7 +364,7 @@ class Planar:
     """
 
     detector: DoG | Otsu = field(default_factory=DoG)
-    size_px: float | None = None
+    size_px: Positive | None = None
 
     def __call__(
         self, view: View, roi: Polygon | None = None, frame: int = 0

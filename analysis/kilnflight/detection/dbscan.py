@@ -15,7 +15,14 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from kilnflight.arrays import Array, Flags, Index, Whole
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import (
+    Count,
+    InputError,
+    Positive,
+    Settings,
+    check_finite,
+    check_number,
+)
 from kilnflight.detection.disjoint import find_root
 
 NOISE = -1
@@ -28,7 +35,7 @@ _ADJACENT_ROWS = 9  # the first of them: a cell's own row and those that touch i
 
 
 @dataclass(frozen=True)
-class DBSCAN:
+class DBSCAN(Settings):
     """Cluster points that reach each other through core points.
 
     A core point has at least ``min_points`` points, itself included, within ``eps``.
@@ -71,12 +78,8 @@ class DBSCAN:
     [0, 0, 0, -1]
     """
 
-    eps: float = 50.0  # mm, best F1 of Table 5.8
-    min_points: int = 10  # points, best F1 of Table 5.8
-
-    def __post_init__(self) -> None:
-        check_number(self.eps, "DBSCAN: eps", above=0)
-        check_number(self.min_points, "DBSCAN: min_points", least=1, whole=True)
+    eps: Positive = 50.0  # mm, best F1 of Table 5.8
+    min_points: Count = 10  # points, best F1 of Table 5.8
 
     def __call__(self, points: npt.ArrayLike) -> Index:
         """Return the cluster of each of (n, 3) points in mm; noise is -1.

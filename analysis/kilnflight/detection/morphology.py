@@ -1,6 +1,7 @@
 """Clusters by dilation of a grid of cells (thesis, section 2.2.5)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from kilnflight.arrays import Index
-from kilnflight.checks import check_finite, check_number
+from kilnflight.checks import Range, Settings, check_finite
 
 # Cells up to so many steps apart share a cluster: both are dilated by one, and may
 # touch.
@@ -17,7 +18,7 @@ _TOUCH = 3
 
 
 @dataclass(frozen=True)
-class MorphologicalClustering:
+class MorphologicalClustering(Settings):
     """Cluster points by dilating a grid of cells (Eqs 2.31 to 2.34).
 
     Each axis of the cloud is stretched to [0, grid] and rounded, halves up (Eqs 2.32,
@@ -56,12 +57,7 @@ class MorphologicalClustering:
     [0, 0, 1]
     """
 
-    grid: int = 150  # steps, best F1 of Table 5.9
-
-    def __post_init__(self) -> None:
-        check_number(
-            self.grid, "MorphologicalClustering: grid", least=1, most=1e6, whole=True
-        )
+    grid: Annotated[int, Range(least=1, most=1e6)] = 150  # steps, best F1 of Table 5.9
 
     def __call__(self, points: npt.ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm.

@@ -11,7 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Flags, Integers
-from kilnflight.checks import InputError, check_number, check_shape, real_numbers
+from kilnflight.checks import (
+    InputError,
+    NotNegative,
+    Settings,
+    check_number,
+    check_shape,
+    real_numbers,
+)
 
 _LARGEST = 1e9  # far beyond any grey value, and safe in float32
 _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
@@ -120,7 +127,7 @@ def _criterion(counts: Integers) -> Array:
 
 
 @dataclass(frozen=True)
-class Otsu:
+class Otsu(Settings):
     """Find connected regions above Otsu's threshold of the foreground.
 
     Parameters
@@ -142,7 +149,7 @@ class Otsu:
     [[24.0, 34.0, 5.1]]
     """
 
-    least: float = 0.0
+    least: NotNegative = 0.0
 
     def __call__(self, foreground: npt.ArrayLike, within: object = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.

@@ -11,13 +11,13 @@ from numba.typed import Dict
 from scipy.spatial import cKDTree
 
 from kilnflight.arrays import Array, Index
-from kilnflight.checks import check_finite, check_number
+from kilnflight.checks import Count, NotNegative, Settings, check_finite
 from kilnflight.detection.dbscan import NOISE
 from kilnflight.detection.disjoint import find_root, unite
 
 
 @dataclass(frozen=True)
-class QuasiClusterCenters:
+class QuasiClusterCenters(Settings):
     """Cluster points by spreading from the densest ones.
 
     Clusters spread from quasi-cluster centres to ever sparser neighbours. The density
@@ -68,12 +68,8 @@ class QuasiClusterCenters:
     [0, 0, 0, 1, 1, 1]
     """
 
-    k: int = 35  # points, best F1 of Table 5.10 by its own counts
-    alpha: float = 0.1  # share of k, best F1 of Table 5.10
-
-    def __post_init__(self) -> None:
-        check_number(self.k, "QuasiClusterCenters: k", least=1, whole=True)
-        check_number(self.alpha, "QuasiClusterCenters: alpha", least=0)
+    k: Count = 35  # points, best F1 of Table 5.10 by its own counts
+    alpha: NotNegative = 0.1  # share of k, best F1 of Table 5.10
 
     def __call__(self, points: npt.ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm; noise is -1.

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from kilnflight.arrays import Array, Flags, Single
-from kilnflight.checks import check_number
+from kilnflight.checks import NotNegative, Range, Settings
 from kilnflight.detection.otsu import check_foreground
 
 Polygon = Sequence[tuple[float, float]]
@@ -72,7 +72,7 @@ _BOUNDS = [(*_positive(a, b), len(b) - 1) for a, b in pairwise(_KERNELS[1:-1])]
 
 
 @dataclass(frozen=True)
-class DoG:
+class DoG(Settings):
     """Find bright blobs, the keypoints of SIFT, with position and size.
 
     Parameters
@@ -117,16 +117,10 @@ class DoG:
     [[20.0, 33.0, 4.2]]
     """
 
-    threshold: float = 500.0  # grey values; empirical value of section 5.1.2
-    camera_blur: float = 0.5  # px
-    enlarge: int = 1
-    edge: float = 10.0  # Lowe 2004, section 4.1
-
-    def __post_init__(self) -> None:
-        check_number(self.threshold, "DoG: threshold", least=0)
-        check_number(self.camera_blur, "DoG: camera_blur", least=0, most=SIGMA_PX)
-        check_number(self.edge, "DoG: edge", least=1)
-        check_number(self.enlarge, "DoG: enlarge", least=1, most=4, whole=True)
+    threshold: NotNegative = 500.0  # grey values; empirical value of section 5.1.2
+    camera_blur: Annotated[float, Range(least=0, most=SIGMA_PX)] = 0.5  # px
+    enlarge: Annotated[int, Range(least=1, most=4)] = 1
+    edge: Annotated[float, Range(least=1)] = 10.0  # Lowe 2004, section 4.1
 
     def __call__(
         self, foreground: npt.ArrayLike, within: Polygon | None = None

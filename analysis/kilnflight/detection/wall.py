@@ -16,7 +16,16 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array, Flags
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import (
+    CountFrom0,
+    InputError,
+    NotNegative,
+    Number,
+    Positive,
+    Settings,
+    check_finite,
+    check_number,
+)
 
 # The thesis limits the distance of inliers and gives the z-axis (section 3.2), without
 # numbers.
@@ -36,7 +45,7 @@ _SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Settings):
     """An infinite cylinder, the kiln's wall, with the quality of its fit.
 
     Parameters
@@ -62,11 +71,11 @@ class Cylinder:
     [494.8]
     """
 
-    centre_mm: tuple[float, float, float]
-    direction: tuple[float, float, float]
-    radius_mm: float
-    inliers: int | None = None
-    rms_mm: float | None = None
+    centre_mm: tuple[Number, Number, Number]
+    direction: tuple[Number, Number, Number]
+    radius_mm: Positive
+    inliers: CountFrom0 | None = None
+    rms_mm: NotNegative | None = None
 
 
 def fit_cylinder(
@@ -203,7 +212,7 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
 
 
 @dataclass(frozen=True)
-class InAir:
+class InAir(Settings):
     """Classify points by their distance from the axis (section 5.1.4).
 
     Up to ``threshold_mm`` they are in the air, beyond it on the wall. `crossing` finds
@@ -222,10 +231,7 @@ class InAir:
     [True, False]
     """
 
-    threshold_mm: float = 800.0
-
-    def __post_init__(self) -> None:
-        check_number(self.threshold_mm, "InAir: threshold_mm", above=0)
+    threshold_mm: Positive = 800.0
 
     def __call__(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
         """Return whether each point (n, 3), in mm, is within the threshold, (n,).

@@ -27,7 +27,7 @@ from kilnflight.film.motion import more_rests, shaken_px
 from kilnflight.film.noise import area_threshold, middle, noise_threshold
 from kilnflight.film.prepared import Prepared, mean_level, spread
 from kilnflight.film.report import Rows
-from kilnflight.film.settings import BACKGROUNDS, Options
+from kilnflight.film.settings import BACKGROUNDS, Background, Options
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
@@ -155,7 +155,9 @@ def _given(recording: Recording, options: Options, deep: bool) -> Rows:
     return rows
 
 
-def choose_background(looks: Looks, options: Options, deep: bool) -> tuple[str, str]:
+def choose_background(
+    looks: Looks, options: Options, deep: bool
+) -> tuple[Background, str]:
     """Return the background that shows most particles, and why.
 
     It is "median" or "none".

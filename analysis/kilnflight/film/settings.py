@@ -1,20 +1,23 @@
 """Settings of a run; what is not given is estimated from the recording."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.models import Surroundings
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import CountFrom0, InputError, Positive, Settings
 from kilnflight.recording.frames import Recording
 from kilnflight.tracking.tracker import Management
 
-DETECTORS = ("dog", "otsu")
-BACKGROUNDS: dict[str, BackgroundModel] = {"median": Median(), "none": Surroundings()}
+Background = Literal["median", "none"]
+BACKGROUNDS: dict[str, BackgroundModel] = {
+    "median": Median(),
+    "none": Surroundings(),
+}
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(Settings):
     """Options of a run; what is None is estimated from the recording.
 
     Parameters
@@ -57,34 +60,18 @@ class Options:
     5
     """
 
-    detector: str = "dog"
-    background: str | None = None
-    threshold: float | None = None
+    detector: Literal["dog", "otsu"] = "dog"
+    background: Background | None = None
+    threshold: Positive | None = None
     dark: bool = False
     small: bool = False
-    size: float | None = None
-    roi: tuple[int, int, int, int] | None = None
-    frames: tuple[int, int] | None = None
-    max_step: float | None = None
-    memory: int = Management.invisible
+    size: Positive | None = None
+    roi: tuple[CountFrom0, CountFrom0, CountFrom0, CountFrom0] | None = None
+    frames: tuple[CountFrom0, CountFrom0] | None = None
+    max_step: Positive | None = None
+    memory: CountFrom0 = Management.invisible
     post_processing: bool | None = None
-    in_air_mm: float = 800.0  # sec. 5.1.4
-
-    def __post_init__(self) -> None:
-        check_number(self.memory, "memory", least=0, whole=True)
-        for name in ("threshold", "size", "max_step", "in_air_mm"):
-            value = getattr(self, name)
-            if value is not None:
-                check_number(value, name, above=0)
-        for name, length in (("roi", 4), ("frames", 2)):
-            value = getattr(self, name)
-            if value is not None:
-                for number in check_finite(value, name, (length,)).tolist():
-                    check_number(number, name, least=0, whole=True)
-                object.__setattr__(self, name, tuple(value))
-        _check_word(self.detector, "detector", DETECTORS)
-        if self.background is not None:
-            _check_word(self.background, "background", BACKGROUNDS)
+    in_air_mm: Positive = 800.0  # sec. 5.1.4
 
     def check(self, recording: Recording) -> None:
         """Raise an `InputError` if frames or region are not in the recording."""
@@ -103,9 +90,3 @@ class Options:
                 f"frames and roi: {(*frames, *roi)} end before they begin, or beyond "
                 f"{most}."
             )
-
-
-def _check_word(word: str, name: str, known: Iterable[str]) -> None:
-    """Raise an `InputError` unless a word is one of the known."""
-    if word not in known:
-        raise InputError(f"{name}: {word!r} is not {' or '.join(known)}.")

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, check_number
+from kilnflight.checks import InputError, Positive, Settings
 from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
 from kilnflight.regression import Fit
 
@@ -134,7 +134,7 @@ def landing_s(fit: Fit, wall: Cylinder, in_air: InAir) -> float | None:
 
 
 @dataclass(frozen=True)
-class Plausible:
+class Plausible(Settings):
     """Reject flights whose fitted trajectory is impossible.
 
     Sampled every millisecond from t0 to the end of the flight, a trajectory is
@@ -158,10 +158,7 @@ class Plausible:
         Velocity of the air at the lance's outlet in m/s, at 5 bar (sec. 2.1.1).
     """
 
-    air_m_s: float = 16.0
-
-    def __post_init__(self) -> None:
-        check_number(self.air_m_s, "Plausible: air_m_s", above=0)
+    air_m_s: Positive = 16.0
 
     @property
     def fastest_m_s(self) -> float:

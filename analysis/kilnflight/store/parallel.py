@@ -19,7 +19,7 @@ from typing import Any
 import joblib
 from tqdm import tqdm
 
-from kilnflight.checks import InputError, check_number
+from kilnflight.checks import Count, InputError, Settings
 from kilnflight.store import paths
 from kilnflight.store.cache import AGAIN
 
@@ -30,7 +30,7 @@ PR_SET_PDEATHSIG = 1  # see prctl(2)
 
 
 @dataclass(frozen=True)
-class Workers:
+class Workers(Settings):
     """Processes of this machine or of a Dask cluster that compute pieces of work.
 
     Parameters
@@ -53,12 +53,12 @@ class Workers:
     ['a', 'b']
     """
 
-    jobs: int = 1
+    jobs: Count = 1
     scheduler: str | None = None
     into_logs: bool = False
 
     def __post_init__(self) -> None:
-        check_number(self.jobs, "workers: jobs", least=1, whole=True)
+        super().__post_init__()
         if self.scheduler is not None and ":" not in self.scheduler:
             raise InputError(
                 f"scheduler {self.scheduler!r}: give host:port or tcp://host:port."

@@ -24,7 +24,7 @@ sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any 
 import math
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -34,14 +34,21 @@ from scipy.special import gammainc
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import Pairs
-from kilnflight.checks import InputError, check_finite, check_number
+from kilnflight.checks import (
+    InputError,
+    Number,
+    Range,
+    Settings,
+    Unlimited,
+    check_number,
+)
 
 NO_ROWS: Integers = np.zeros(0, np.intp)
 FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones faster
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Settings):
     """Motion in d dimensions whose highest derivative is constant but for white noise.
 
     A state has k = d times the number of ``spreads`` entries. The noise is continuous,
@@ -59,17 +66,16 @@ class Motion:
         px/frame^2.5 of a jerk.
     """
 
-    velocity: tuple[float, ...]
-    spreads: tuple[float, ...]
-    noise: float
+    velocity: tuple[Number, ...]
+    spreads: tuple[Number, ...]
+    noise: Annotated[float, Range(above=0, most=1e30)]
 
     def __post_init__(self) -> None:
-        velocity = check_finite(self.velocity, "motion: velocity", (None,))
-        check_number(len(velocity), "motion: dimensions of velocity", least=1)
         names = ("measurement_sd", "velocity_sd", "acceleration_sd")
         for name, spread in zip(names, self.spreads, strict=False):
-            check_number(spread, f"motion: {name}", above=0, most=1e30)
-        check_number(self.noise, "motion: noise", above=0, most=1e30)
+            check_number(spread, f"Motion: {name}", above=0, most=1e30)
+        super().__post_init__()
+        check_number(len(self.velocity), "Motion: dimensions of velocity", least=1)
 
     def transition(self, frames: float) -> Array:
         """Return the transition matrix F (k, k) over a number of frames (Eq. 4.4)."""
@@ -247,7 +253,7 @@ class Detected(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gate:
+class Gate(Settings):
     """Limit the distance of detections from a track (Eq. 4.8).
 
     The gate is an elliptical cylinder (Fig. 4.2). A pair is inside if its Mahalanobis
@@ -285,14 +291,8 @@ class Gate:
     ([0], [14.44])
     """
 
-    distance: float = 4.0
-    depth_mm: float = 1500.0
-
-    def __post_init__(self) -> None:
-        # Areas stay finite.
-        check_number(self.distance, "Gate: distance", least=0, most=1e6)
-        if self.depth_mm != math.inf:
-            check_number(self.depth_mm, "Gate: depth_mm", least=0)
+    distance: Annotated[float, Range(least=0, most=1e6)] = 4.0  # areas stay finite
+    depth_mm: Unlimited = 1500.0
 
     def __call__(
         self,

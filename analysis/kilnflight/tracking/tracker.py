@@ -18,7 +18,13 @@ from tqdm import tqdm
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
-from kilnflight.checks import check_columns, check_finite, check_number
+from kilnflight.checks import (
+    CountFrom0,
+    Settings,
+    Share,
+    check_columns,
+    check_finite,
+)
 from kilnflight.tables import TO_TRACK, plain, with_pixels
 from kilnflight.tracking.filter import (
     ConstantVelocity,
@@ -56,7 +62,7 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Management:
+class Management(Settings):
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 
     A track ends if its visibility, recorded detections by frames of life, is below
@@ -91,12 +97,8 @@ class Management:
     [0, 0, 0]
     """
 
-    visibility: float = 0.4
-    invisible: int = 5
-
-    def __post_init__(self) -> None:
-        check_number(self.visibility, "Management: visibility", least=0, most=1)
-        check_number(self.invisible, "Management: invisible", least=0, whole=True)
+    visibility: Share = 0.4
+    invisible: CountFrom0 = 5
 
     def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each of n tracks lives on in ``frame``, (n,)."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Whole
+from kilnflight.checks import NotNegative, Number
 from kilnflight.tracklets.paths import Paths, PathStep, means, step_speeds
 
 
@@ -48,9 +49,9 @@ class Elimination(PathStep):
     [0, 0, 0, 0, -1, -1, -1, -1]
     """
 
-    duration: float = 2.0
-    speed: float = 1.0
-    regularity: float = 0.9
+    duration: NotNegative = 2.0
+    speed: NotNegative = 1.0
+    regularity: Number = 0.9
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets that meet Eq. 4.15; ``differences`` are not used."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
+from kilnflight.checks import NotNegative, Positive, Settings, Unlimited
 from kilnflight.tracklets.eliminate import Elimination, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
 from kilnflight.tracklets.paths import (
@@ -79,7 +80,7 @@ def hungarian(pairs: Candidates) -> Index:
 
 
 @dataclass(frozen=True)
-class Costs:
+class Costs(Settings):
     """Weights of the six terms of the cost of a pair (Eq. 4.24).
 
     Parameters
@@ -98,12 +99,12 @@ class Costs:
         f, grey values, Table 5.16.
     """
 
-    angle: float = 2.0
-    change: float = 2.0
-    depth: float = 0.1
-    gap: float = 1.0
-    overlap: float = 2.0
-    feature: float = 1e11
+    angle: NotNegative = 2.0
+    change: NotNegative = 2.0
+    depth: NotNegative = 0.1
+    gap: NotNegative = 1.0
+    overlap: NotNegative = 2.0
+    feature: NotNegative = 1e11
 
 
 @dataclass(frozen=True)
@@ -139,12 +140,12 @@ class Joining(PathStep):
         Function that returns the indices of the pairs to join.
     """
 
-    gap: float = 0.0
-    overlap: float = np.inf
-    distance: float = np.inf
-    depth: float = 1500.0
-    jump: float = np.inf
-    half_width: float = 15.0
+    gap: NotNegative = 0.0
+    overlap: Unlimited = np.inf
+    distance: Unlimited = np.inf
+    depth: Unlimited = 1500.0
+    jump: Unlimited = np.inf
+    half_width: Positive = 15.0
     average: bool = False
     costs: Costs = Costs()
     matching: Callable[[Candidates], Index] = dual_nearest
@@ -345,9 +346,9 @@ class Connection(Joining):
     2
     """
 
-    gap: float = 15.0
-    overlap: float = 5.0
-    jump: float = 18.0
+    gap: NotNegative = 15.0
+    overlap: Unlimited = 5.0
+    jump: Unlimited = 18.0
 
 
 @dataclass(frozen=True)
@@ -390,7 +391,7 @@ class Fusion(Joining):
     [0, -1]
     """
 
-    distance: float = 10.0
+    distance: Unlimited = 10.0
     costs: Costs = Costs(gap=0.0, overlap=0.0)
     nested: ClassVar[bool] = True
 

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
 from kilnflight.arrays import Array, Flags, Whole
-from kilnflight.checks import check_number
+from kilnflight.checks import NotNegative, Positive, Settings, check_number
 from kilnflight.tracklets.paths import (
     Paths,
     PathStep,
@@ -66,8 +66,8 @@ class OutlierRemoval(PathStep):
     [0, 0, 0, -1, 0, 0, 0]
     """
 
-    angle_deg: float = 30.0
-    change: float = 18.0
+    angle_deg: NotNegative = 30.0
+    change: NotNegative = 18.0
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets without outliers; ``differences`` are not used."""
@@ -110,7 +110,7 @@ class OutlierRemoval(PathStep):
 
 
 @dataclass(frozen=True)
-class Cutting:
+class Cutting(Settings):
     """Split tracks at physically impossible steps.
 
     A step leads from one detection with depth to the next. It is impossible if it is
@@ -144,7 +144,7 @@ class Cutting:
     [0, 0, 0, 0, 1, 1, 1, 1]
     """
 
-    fastest_m_s: float = 32.0
+    fastest_m_s: Positive = 32.0
 
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
         """Return the table with a track for each part of a track.

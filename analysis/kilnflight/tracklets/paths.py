@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Array, Index, Integers, Whole
-from kilnflight.checks import check_columns, check_finite, check_whole
+from kilnflight.checks import Settings, check_columns, check_finite, check_whole
 from kilnflight.tables import order_tracks
 
 
@@ -61,7 +61,7 @@ class Paths(NamedTuple):
         )
 
 
-class PathStep(ABC):
+class PathStep(Settings, ABC):
     """A step of post-processing.
 
     `apply` maps `Paths` to `Paths`, a call maps a track table to a track table.
