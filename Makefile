@@ -42,7 +42,7 @@ export NUMPY_MADVISE_HUGEPAGE ?= 0# clearing huge pages takes a twentieth of a f
 all: notebooks
 	@{ [ site/index.html -nt build/$(SCALE)/ran ] && [ "$$(cat build/site 2> /dev/null)" = $(SCALE) ] && \
 	  [ -z "$$(find docs $(wildcard figures/index.json) -newer site/index.html)" ]; } || { \
-	  echo "site: rendering the notebooks"; KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) docs/generate.py build/$(SCALE) site; echo $(SCALE) > build/site; }
+	  $(RUN) tools/gallery.py build/gallery; echo "site: rendering the notebooks"; KILNFLIGHT_FIGURES=$(FIGURES) $(RUN) docs/generate.py build/$(SCALE) site; echo $(SCALE) > build/site; }
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; figures are in $(or $(FIGURES),figures/)"
 quick standard full: ## little input; less input (the default); all of it, into figures/, and the README
 	@$(MAKE) SCALE=$@ all

@@ -542,6 +542,12 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     listed = numbers(known)
     tables = (row["label"] for row in listed if row["kind"] == "Table")
     place = next(tables).lower().replace(" ", "-").replace(".", "-")
+    gallery = pages.parents[1] / "gallery" / "gallery.csv"
+    films = []
+    if gallery.is_file():
+        films = pd.read_csv(gallery, dtype=str, keep_default_na=False)
+        films = films.map(digits, number=3).to_dict("records")
+    (pages / "documents" / "gallery.inc").write_text(render("gallery.inc", films=films))
     text = render("numbers.md", numbers=listed, first_table=place)
     (pages / "numbers.md").write_text(text)
     movie = next((each for each in known.values() if "mp4" in each["kinds"]), None)
@@ -592,6 +598,9 @@ def build(run: Path, site: Path) -> None:
     shutil.copytree(small, fresh / "figures" / "thumbnails")
     here = paths.figures()
     record = paths.root() / "figures"
+    for path in run.parent.glob("gallery/*.png"):
+        (fresh / "figures").mkdir(exist_ok=True)
+        shutil.copy(path, fresh / "figures" / f"gallery-{path.name}")
     if (pages / "run").is_dir():
         copy_figures(record, fresh / "figures")
         if here != record:

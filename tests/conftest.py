@@ -176,6 +176,7 @@ def _run_all(folder: Path) -> None:
     with ThreadPoolExecutor(2) as pool:  # two processes
         list(pool.map(execute, [others[::2], others[1::2]]))
     execute(last)  # these collect what the others said
+    run(str(PROJECT / "tools" / "gallery.py"), str(folder / "gallery"), "bead")
     run(str(PROJECT / "docs" / "generate.py"), build, str(folder / "site"))
 
 

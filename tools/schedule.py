@@ -80,7 +80,7 @@ class Plan:
         named = [os.environ.get(name, "") for name in EXTERNAL]
         fetched = FETCHED.read_text("utf-8") if FETCHED.is_file() else ""
         text = source.read_text("utf-8")
-        parts = [text, _sources_hash(), self.given(source), named, fetched]
+        parts = [text, sources_hash(), self.given(source), named, fetched]
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     def is_current(self, source: Path) -> bool:
@@ -100,7 +100,7 @@ def number(source: Path) -> str:
     return source.stem[:2]
 
 
-def _sources_hash() -> str:
+def sources_hash() -> str:
     """Return a hash of the package and of the reference data."""
     files = [*PACKAGE.rglob("*.py"), *paths.reference().rglob("*.csv")]
     digest = hashlib.sha256()
