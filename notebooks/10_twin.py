@@ -22,6 +22,7 @@ jobs = 2  # processes
 particles = 0  # flights of each run; 0: 100, 1000 or 4000 by scale
 
 # %%
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.detection import labelled, light_fit
+from kilnflight.experiments.detection import labelled
 from kilnflight.experiments.flights import accuracy, campaigns, comparison, identified
 from kilnflight.experiments.flights.track_scores import GATE_PX
 from kilnflight.publication import choices, claims, figures, style
@@ -41,6 +42,9 @@ from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.store import paths
 from kilnflight.tracklets import tracked
+
+sys.path.append(str(paths.root()))
+from identify import light as light_fit
 
 style.use_style()
 particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]
@@ -95,7 +99,7 @@ figures.save("twin-flights", put_in.round(4), caption=caption, provenance=origin
 # took part.
 
 # %%
-seeds = {"quick": [seed], "standard": [seed]}.get(scale, list(light_fit.SEEDS))
+seeds = light_fit.SEEDS if scale == "full" else [seed]
 prepared = light_fit.prepare(seeds, labelled.SUBSETS[scale])
 shown = LABELLED if scale == "full" else LABELLED[5:6]
 reached = light_fit.report(light_fit.count(prepared, Optics(), shown))

@@ -142,7 +142,7 @@ def _run_all(folder: Path) -> None:
     """Execute every notebook at quick scale and render the site below a folder."""
     (folder / "external").mkdir()
     project = folder / "project"
-    for part in ("notebooks", "data/reference", "figures"):  # with results of record
+    for part in ("notebooks", "identify", "data/reference", "figures"):  # of record
         shutil.copytree(PROJECT / part, project / part)
     shutil.copy(PROJECT / "CITATION.cff", project)
     environment = {

@@ -101,8 +101,9 @@ def number(source: Path) -> str:
 
 
 def sources_hash() -> str:
-    """Return a hash of the package and of the reference data."""
+    """Return a hash of the package, its fits and the reference data."""
     files = [*PACKAGE.rglob("*.py"), *paths.reference().rglob("*.csv")]
+    files += paths.root().glob("identify/*.py")
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(f"{file.name} {file.stat().st_size} ".encode())

@@ -42,6 +42,7 @@ REDUCTIONS = ((1.0, 256), (0.8, 128), (0.64, 64), (0.5, 64), (0.4, 32))
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = (
     "analysis",
+    "identify",
     "notebooks",
     "data/reference",
     "pyproject.toml",

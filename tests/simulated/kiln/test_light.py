@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from identify import light
 
-from kilnflight.experiments.detection import light_fit
 from kilnflight.simulated.kiln import picture as drawing
 from kilnflight.simulated.kiln import scenes
 from kilnflight.simulated.kiln.background import PLATE, Background, Interior
@@ -140,9 +139,9 @@ def test_clutter_is_the_same_whatever_frame_came_before():
 
 
 def test_the_fit_of_the_light_counts_compares_and_improves():
-    prepared = light_fit.prepare([0], ["V4@small"])
+    prepared = light.prepare([0], ["V4@small"])
     faint = replace(OPTICS, flame=0.6)
-    counts = light_fit.count(prepared, faint)
+    counts = light.count(prepared, faint)
     assert (counts["seed"].tolist(), counts["subset"].tolist()) == ([0], ["V4"])
     assert counts["overexposed"].iloc[0] == 0 < counts["flames"].iloc[0]
     # Each marked particle has one class and is found or missed.
@@ -164,9 +163,9 @@ def test_the_misfit_is_a_sum_of_squares_and_0_for_what_is_printed():
             **{"flames": [116], "overexposed": [58]},
         }
     )
-    table = light_fit.compare(counts).set_index("quantity")
+    table = light.compare(counts).set_index("quantity")
     off = (table["ours"] - table["printed"]) / table["sd"]
     assert off["share of flames overexposed"] == pytest.approx(-5.0)
     np.testing.assert_allclose(off.drop("share of flames overexposed"), 0.0, atol=0.01)
-    shown = light_fit.report(counts)
+    shown = light.report(counts)
     assert shown["seed_0"].tolist() == table["ours"].tolist()

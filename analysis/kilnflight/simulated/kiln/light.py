@@ -24,10 +24,9 @@ SINES = 3  # sines that make a flutter
 class Optics:
     """The way from light to grey values.
 
-    ``paper`` to ``flame_softness`` are fitted by
-    `kilnflight.experiments.detection.light_fit` to Otsu's row and recalls (Table 5.5,
-    Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on`` in an earlier fit;
-    all else are assumptions.
+    ``paper`` to ``flame_softness`` are fitted by identify/light.py to Otsu's row and
+    recalls (Table 5.5, Fig. 5.5), to Fig. 3.12 and to overexposed flames, ``share_on``
+    in an earlier fit; all else are assumptions.
 
     Parameters
     ----------
