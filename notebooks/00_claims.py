@@ -15,8 +15,8 @@
 # **One number.** F1 of QCC at K = 30, alpha = 0.1: 0.6210 printed, 0.5808 here.
 #
 # **What disagrees.** The claims marked "not reproduced", and the printed numbers under
-# "Errata". By its own counts QCC is not the best 3D method. Claims that are not tested
-# stand in docs/limits.md.
+# "Errata". The misprint that matters most: by its own counts QCC is the worst 3D
+# method, not the best. Claims that are not tested stand in docs/limits.md.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; named in the provenance only

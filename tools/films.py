@@ -156,7 +156,7 @@ def molecules(rng: np.random.Generator) -> Film:
     seen = np.arange(60)[:, None] < lives
     pictures = spots(places, size, 0.8, np.where(seen, 40.0, 0.0), rng)
     truth = listed(places, size, seen)
-    return Film(pictures, truth, "molecules smaller than a pixel bleach", {}, 0.05)
+    return Film(pictures, truth, "molecules smaller than a pixel vanish", {}, 0.05)
 
 
 def rods(rng: np.random.Generator) -> Film:
