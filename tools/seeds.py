@@ -4,7 +4,9 @@ Notebook 00 of each run saves headlines.csv. ``make seeds`` runs the notebooks w
 seeds 1 and 2; seed 0 is that of ``make full``.
 """
 
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -46,6 +48,9 @@ def main() -> None:
         "particles, noise and draws; spread: largest less smallest."
     )
     origin = figures.trace("tools/seeds", {"scale": "full", "seeds": [0, *SEEDS]})
+    made = json.loads((folders[SEEDS[-1]] / "index.json").read_text("utf-8"))
+    commit = made["figures"]["headlines"]["provenance"]["commit"]  # that of the runs
+    origin = replace(origin, commit=commit)
     figures.save("headline-seeds", beside(runs), caption=caption, provenance=origin)
 
 
