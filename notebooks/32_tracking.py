@@ -172,7 +172,7 @@ save("tracking-scores", table, picture=picture, caption=caption)
 
 # %% tags=["hide-input"]
 shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
-picture, grid = style.canvas(5, len(shown), sharex=True, width_mm=125, height_mm=215)
+picture, grid = style.canvas(5, len(shown), width_mm=150, height_mm=200)
 tables = {}
 for window, column in zip(shown, grid.T, strict=True):
     fraction = window.fraction

@@ -226,7 +226,7 @@ for (above, below), campaign in zip(grid.T, chosen, strict=False):
     for axes, gray in ((above, False), (below, True)):
         panels.draw_fits(axes, tracks, first, campaign.run.exit_point_mm, gray)
         axes.set_title(campaign.fraction, y=0.98)
-        axes.locator_params(nbins=3)
+        axes.locator_params(axis="y", nbins=2)
     parts[campaign.key] = tracks
 picture.colorbar(
     below.collections[0],
