@@ -19,6 +19,7 @@ from argparse import ArgumentParser
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 import jupytext
 import papermill
@@ -60,7 +61,10 @@ def known_parameters(path: Path) -> dict[str, object]:
 
 
 def parse_parameters(
-    items: Iterable[str], stem: str, stems: Iterable[str]
+    items: Iterable[str],
+    stem: str,
+    stems: Iterable[str],
+    known: Mapping[str, object] = MappingProxyType({}),
 ) -> dict[str, object]:
     """Return the parameters for one notebook from command-line arguments.
 
@@ -73,6 +77,9 @@ def parse_parameters(
         Stem of the notebook, for example ``"02_depth_calibration"``.
     stems
         Stems of all notebooks.
+    known
+        The notebook's defaults by name. Where one is a string, the value is a string:
+        a folder may be called 2024.
 
     Raises
     ------
@@ -82,8 +89,10 @@ def parse_parameters(
     Examples
     --------
     >>> items = ["seed=3", "02.points=50", "40.draws=9"]
-    >>> parse_parameters(items, "02_depth", ["02_depth", "40_belt"])
+    >>> parse_parameters(items, "02_depth", ["02_depth", "40_belt"], {"seed": 0})
     {'seed': 3, 'points': 50}
+    >>> parse_parameters(["recording=2024"], "60_film", [], {"recording": ""})
+    {'recording': '2024'}
     """
     values: dict[str, object] = {}
     for item in items:
@@ -96,7 +105,9 @@ def parse_parameters(
         if number in (None, stem[:2]):
             values[name] = value
             with suppress(ValueError, SyntaxError):
-                values[name] = ast.literal_eval(value)
+                literal = ast.literal_eval(value)
+                if type(literal) is str or type(known.get(name)) is not str:
+                    values[name] = literal
     return values
 
 
@@ -244,10 +255,12 @@ def _given_parameters(source: Path, items: Sequence[str]) -> dict[str, object]:
     """Return the parameters of a notebook, checked for all notebooks beside it."""
     every = {*source.parent.glob("[0-9][0-9]_*.py"), source}
     stems = [path.stem for path in every]
+    given = {}
     for path in sorted(every):
-        given = parse_parameters(items, path.stem, stems)
-        check_parameters(path.stem, known_parameters(path), given)
-    return parse_parameters(items, source.stem, stems)
+        known = known_parameters(path)
+        given[path] = parse_parameters(items, path.stem, stems, known)
+        check_parameters(path.stem, known, given[path])
+    return given[source]
 
 
 if __name__ == "__main__":

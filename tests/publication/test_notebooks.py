@@ -69,6 +69,15 @@ def test_a_failing_cell_is_told_and_the_rest_is_kept_for_inspection(tmp_path, ca
     assert "07_test.failed.ipynb" in error
 
 
+@pytest.mark.parametrize("path", ["2024", "1e5", "film.tif", "[a]", "'film.tif'"])
+def test_a_path_that_looks_like_a_number_stays_a_path(path):
+    known = {"recording": "", "seed": 0}
+    items = [f"60.recording={path}", "seed=3"]
+    given = executor.parse_parameters(items, "60_film", ["60_film"], known)
+    executor.check_parameters("60_film", known, given)
+    assert given == {"recording": path.strip("'"), "seed": 3}
+
+
 @pytest.mark.parametrize(
     ("given", "name"),
     [
