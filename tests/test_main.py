@@ -51,9 +51,10 @@ def test_import_and_info_print_what_a_recording_holds(
     assert imported[3] == "gray        1000 to 1002 (10 bits)"
     assert len(open_recording(tmp_path / "mine.zarr")) == 3
     main(["import", str(manifest), "--to", str(tmp_path / "a" / "b")])
+    stated = {"?.tif": ["--rate", "330"]}  # the others state it themselves
     for kind in ("mine.zarr", "a/b", "mine.toml", "?.tif"):
         capsys.readouterr()
-        main(["info", str(tmp_path / kind)])
+        main(["info", str(tmp_path / kind), *stated.get(kind, [])])
         assert capsys.readouterr().out.splitlines()[1:] == imported[2:]
 
 

@@ -9,12 +9,14 @@ import shlex
 from functools import reduce
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 import tifffile
 from tests.definitions import films
 
+import kilnflight
 from kilnflight.__main__ import main
 from kilnflight.simulated.belt.bulk import BULKS
 from kilnflight.simulated.belt.rendering import Pictures
@@ -78,6 +80,26 @@ def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
         Path(name).is_file() for name in ("results/tracks.png", "chips/tracks.csv")
     )
     assert pd.read_csv("tracks.csv", skiprows=[1, 2, 3])["TRACK_ID"].max() == 2
+
+
+def test_maps_of_depth_get_x_and_y_as_written(film):
+    text = (PROJECT / "docs" / "own_recording.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (block,) = (each for each in blocks if "depth maps" in each)
+    Path("depth").mkdir()
+    depth = np.full(tifffile.imread("frame_0000.tif").shape, 3000, np.uint16)
+    depth[:, 0] = 0
+    for t in range(12):
+        cv2.imwrite(f"depth/{t:04d}.png", depth)
+    exec(block, {})
+    with open("chips.toml", "a") as file:
+        file.write('[coordinates]\npattern = "xyz/{frame}.npy"\ninvalid = "nan"\n')
+    frame = kilnflight.open("chips.toml").frame(5)
+    middle = (np.array(depth.shape) - 1) / 2
+    assert len(frame.pixels) == depth[:, 1:].size
+    away = (frame.pixels - middle)[:, ::-1] * [1, -1] * 5.0  # 3000 mm / 600 px
+    np.testing.assert_allclose(frame.xyz[:, :2], away, rtol=1e-5)
+    assert set(frame.xyz[:, 2]) == {3000.0}
 
 
 def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):

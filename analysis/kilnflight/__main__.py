@@ -4,7 +4,6 @@ import argparse
 import os
 import signal
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,31 +11,44 @@ from kilnflight import __version__
 
 # The modules of a command are imported when it runs: they take time to load.
 
-Function = Callable[[argparse.Namespace], None]
 FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # files of tracks
-# Arguments by name, as `argparse.ArgumentParser.add_argument` takes them.
+# Arguments with a value: its type, its name in the help, and the help.
+VALUES: dict[str, Any] = {
+    "recording": (str, "PATH", "film, stack, folder, pattern, array, manifest, Zarr"),
+    "--channel": (str, "COLOUR", "red, green or blue (default: what varies most)"),
+    "--rate": (float, "HZ", "frames per second (default: as the film states)"),
+    "--scale": (float, "UM", "um per px (default: as the film states)"),
+    "--mask": (Path, "PICTURE", "pixels that are 0 in it are not searched"),
+    "--to": (Path, "PATH", "folder or picture to write; a stopped run goes on there"),
+    "--detector": (
+        str,
+        "NAME",
+        "dog for round spots (default), otsu for areas of any form",
+    ),
+    "--background": (
+        str,
+        "NAME",
+        "median of the frames around, or none (default: what fits)",
+    ),
+    "--threshold": (float, "GREY", "default: from the noise"),
+    "--size": (float, "PX", "diameter of the particles, in place of --small"),
+    "--max-step": (float, "PX", "longest step in a frame"),
+    "--memory": (int, "N", "frames that a track may miss (default: 5)"),
+    "--in-air-mm": (float, "MM", "from the kiln's axis"),
+    "--jobs": (int, "N", "processes side by side (default: 1)"),
+    "--scheduler": (str, "ADDRESS", "Dask cluster that detects in their place"),
+    "detections": (Path, "TABLE", "frame, row, col or x, y (px)"),
+    "tracks": (Path, "FILE", "tracks to write"),
+    "scene": (str, "SCENE", "such as confetti-4.5-bar; an unknown name lists all"),
+    "folder": (Path, "FOLDER", "folder to write"),
+    "--seed": (int, "N", "of the simulation (default: the scene's own)"),
+}
+# Other arguments, as `argparse.ArgumentParser.add_argument` takes them.
 ARGUMENTS: dict[str, Any] = {
-    "recording": {
-        "metavar": "PATH",
-        "help": "film, stack, folder, pattern, array, manifest, Zarr",
-    },
-    "--channel": {
-        "metavar": "COLOUR",
-        "help": "red, green or blue (default: what varies most)",
-    },
-    "--to": {
-        "type": Path,
-        "help": "folder or picture to write; a stopped run goes on there",
-    },
-    "--detector": {"help": "dog for round spots (default), otsu for areas of any form"},
-    "--background": {
-        "help": "median of the frames around, or none (default: what fits)",
-    },
-    "--threshold": {
-        "type": float,
-        "metavar": "GREY",
-        "help": "default: from the noise",
-    },
+    name: {"type": kind, "metavar": value, "help": told}
+    for name, (kind, value, told) in VALUES.items()
+} | {
+    "recordings": {"nargs": "+", "metavar": "PATH", "help": "..., several with --to"},
     "--dark": {
         "action": "store_true",
         "help": "particles are darker than the background",
@@ -44,11 +56,6 @@ ARGUMENTS: dict[str, Any] = {
     "--small": {
         "action": "store_true",
         "help": "search at least at twice the size (default: what finds most)",
-    },
-    "--size": {
-        "type": float,
-        "metavar": "PX",
-        "help": "diameter of the particles, in place of --small",
     },
     "--roi": {
         "type": int,
@@ -62,47 +69,18 @@ ARGUMENTS: dict[str, Any] = {
         "metavar": ("A", "B"),
         "help": "A to B, B left out",
     },
-    "--max-step": {"type": float, "metavar": "PX", "help": "longest step in a frame"},
-    "--memory": {
-        "type": int,
-        "metavar": "N",
-        "help": "frames that a track may miss (default: 5)",
-    },
     "--post-processing": {
         "action": argparse.BooleanOptionalAction,
         "help": "default: with depth",
     },
-    "--in-air": {
-        "type": float,
-        "metavar": "MM",
-        "dest": "in_air_mm",
-        "help": "from the kiln's axis",
-    },
-    "--jobs": {
-        "type": int,
-        "default": 1,
-        "help": "processes side by side (default: 1)",
-    },
-    "--scheduler": {
-        "metavar": "ADDRESS",
-        "help": "Dask cluster that detects in their place",
-    },
-    "detections": {
-        "type": Path,
-        "metavar": "TABLE",
-        "help": "frame, row, col or x, y (px)",
-    },
-    "tracks": {"type": Path, "metavar": "FILE", "help": "tracks to write"},
     "--jpda": {
         "action": "store_true",
         "help": "associate by JPDA instead of GNN; slower",
     },
     "--format": {"choices": FORMS, "default": "csv", "help": "of FILE (default: csv)"},
-    "scene": {"help": "such as confetti-4.5-bar; an unknown name lists all"},
-    "folder": {"type": Path, "metavar": "FOLDER", "help": "folder to write"},
-    "--seed": {"type": int, "help": "of the simulation (default: the scene's own)"},
 }
-OPENED = ("recording", "--channel")
+STATED = ("--channel", "--rate", "--scale", "--mask")
+OPENED = ("recording", *STATED)
 FOUND = (
     "--detector",
     "--background",
@@ -114,18 +92,7 @@ FOUND = (
     "--frames",
 )
 LINKED = ("--max-step", "--memory", "--post-processing")
-WORKED = ("--in-air", "--jobs", "--scheduler")
-COMMANDS: dict[str, tuple[Any, tuple[str, ...]]] = {}  # function and arguments
-
-
-def command(*arguments: str) -> Callable[[Function], Function]:
-    """Register a function as the command of its name, with its arguments."""
-
-    def register(function: Function) -> Function:
-        COMMANDS[function.__name__.strip("_")] = function, arguments
-        return function
-
-    return register
+WORKED = ("--in-air-mm", "--jobs", "--scheduler")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -147,11 +114,18 @@ def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
     """Return the recording of a command; ``target`` must not lie in it."""
     from kilnflight.film.run import check_apart
     from kilnflight.recording.files import open_any
+    from kilnflight.recording.readers import read_array
 
     compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
     if not any(compiled.rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
-    recording = open_any(options.recording, channel=options.channel)
+    recording = open_any(
+        options.recording,
+        channel=options.channel,
+        frame_rate_hz=options.rate,
+        um_per_px=options.scale,
+        mask=options.mask and read_array(options.mask),
+    )
     check_apart(target or Path(os.devnull), options.recording, recording)
     return recording
 
@@ -160,11 +134,13 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the given settings of `Options` by name."""
     from kilnflight.film.settings import Options
 
-    given = {name: value for name, value in vars(options).items() if value is not None}
-    return {name: value for name, value in given.items() if hasattr(Options, name)}
+    return {
+        name: value
+        for name, value in vars(options).items()
+        if value is not None and hasattr(Options, name)
+    }
 
 
-@command(*OPENED)
 def _info(options: argparse.Namespace) -> None:
     """Read every frame and print what a recording, or each subset of one, holds."""
     from kilnflight.film.report import aligned, summarise_recording
@@ -181,7 +157,6 @@ def _info(options: argparse.Namespace) -> None:
         print(aligned(summarise_recording(recording)))
 
 
-@command(*OPENED, "--to")
 def _import(options: argparse.Namespace) -> None:
     """Store a recording as Zarr; of an archive of many, draft the manifest."""
     from kilnflight.film.report import aligned, summarise_recording
@@ -214,7 +189,6 @@ def _draft(source: Path, target: Path | None) -> None:
     print(f"\n{text}\nwritten as {target}. Answer the lines with a question mark.")
 
 
-@command("scene", "folder", "--frames", "--seed")
 def _export(options: argparse.Namespace) -> None:
     """Write a simulated recording."""
     from kilnflight.recording.store import write_recording
@@ -228,7 +202,6 @@ def _export(options: argparse.Namespace) -> None:
     print(f"exported {what} to {options.folder}")
 
 
-@command(*OPENED, "--to", *FOUND)
 def _preview(options: argparse.Namespace) -> None:
     """Draw what three thresholds detect."""
     from kilnflight.film.pictures import png, preview
@@ -242,7 +215,6 @@ def _preview(options: argparse.Namespace) -> None:
     print(f"three frames with the detections of three thresholds: {target}")
 
 
-@command("detections", "tracks", *LINKED, "--jpda", "--format")
 def _track(options: argparse.Namespace) -> None:
     """Link detections to tracks."""
     from kilnflight.association import GNN, JPDA
@@ -263,15 +235,40 @@ def _track(options: argparse.Namespace) -> None:
         print(f"warning: {doubt}")
 
 
-@command(*OPENED, "--to", *FOUND, *LINKED, *WORKED)
 def _run(options: argparse.Namespace) -> None:
-    """Run all steps, to tracks and pictures."""
+    """Run all steps, to tracks and pictures; of several films each in its folder."""
+    from kilnflight.checks import InputError
     from kilnflight.film.run import run_recording
     from kilnflight.store.parallel import Workers
 
-    workers = Workers(options.jobs, options.scheduler, into_logs=True)
-    recording = _opened(options, options.to)
-    run_recording(recording, options.to, workers, **_settings(options))
+    workers = Workers(options.jobs or 1, options.scheduler, into_logs=True)
+    several = len(options.recordings) > 1
+    failed = []
+    for path in options.recordings:
+        options.recording = path
+        target = options.to
+        try:
+            recording = _opened(options, target)
+            if several and len(recording) == 1:
+                failed = [f"{path}: one picture is no film. Put a pattern in quotes."]
+                break
+            if several and target:
+                target /= recording.attributes.name
+            run_recording(recording, target, workers, **_settings(options))
+        except (ValueError, OSError) as error:  # as in `main`
+            failed.append(f"{error}")
+    if failed:
+        raise InputError("\n".join(failed))
+
+
+COMMANDS: dict[str, Any] = {  # function and arguments
+    "info": (_info, OPENED),
+    "import": (_import, (*OPENED, "--to")),
+    "export": (_export, ("scene", "folder", "--frames", "--seed")),
+    "preview": (_preview, (*OPENED, "--to", *FOUND)),
+    "track": (_track, ("detections", "tracks", *LINKED, "--jpda", "--format")),
+    "run": (_run, ("recordings", *STATED, "--to", *FOUND, *LINKED, *WORKED)),
+}
 
 
 def _parser() -> argparse.ArgumentParser:

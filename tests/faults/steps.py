@@ -131,7 +131,7 @@ STEPS_AND_INPUT = {
     "belt tracker": (lambda measured: BeltTracker()(measured).states, {"measured": on_belt()[["frame", "x", "y"]]}, ""),
     "calibrate_camera": (lambda corners: calibrate_camera(BeltCorners(corners, np.ones(4))).matrix, {"corners": CORNERS}, ""),
     "plot_tracks": (lambda tracks: len(kilnflight.plot_tracks(FILM, tracks).axes[0].lines), {"tracks": PIXELS}, "frame:below"),
-    "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths source:huge"),
+    "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths source:huge source:nan"),
 }  # fmt: skip
 
 

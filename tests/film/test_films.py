@@ -221,6 +221,74 @@ def test_bad_input_is_one_line_and_no_result(
     assert not Path("out").exists()
 
 
+def test_several_films_run_into_a_folder_each_and_a_bad_one_is_told(
+    small, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.npy", "c.npy"):
+        write(Path(name), small[0])
+    Path("b.tif").write_text("no film")
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "a.npy", "b.tif", "c.npy", "--to", "all", "--threshold", "1"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "b.tif" in line
+    assert sorted(path.name for path in Path("all").iterdir()) == ["a", "c"]
+    tables = [pd.read_csv(f"all/{name}/tracks.csv") for name in "ac"]
+    pd.testing.assert_frame_equal(*tables)
+    write(Path("png"), small[0])
+    pictures = sorted(map(str, Path("png").iterdir()))
+    with pytest.raises(SystemExit, match="2"):  # a pattern without quotes
+        main(["run", *pictures])
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not [*Path().glob("*-run")]
+
+
+def test_rate_and_scale_make_a_speed_in_um(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    pictures, _ = film(frames=12, cells=(2, 3), pitch=30, drift=(0.0, 1.5))
+    write(Path("a.npy"), pictures)
+    main(["run", "a.npy", "--to", "a", "--rate", "200", "--scale", "0.65"])
+    known = pd.read_csv("a/summary.csv").set_index("what")["value"]
+    assert known["frame rate"] == "200 Hz"
+    assert known["scale"] == "0.65 um/px"
+    pixels, um = known["speed, median"].split(", ")
+    assert float(pixels.split()[0]) == pytest.approx(1.5, abs=0.02)
+    assert float(um.split()[0]) == pytest.approx(1.5 * 0.65 * 200, rel=0.02)
+    main(["run", "a.npy", "--to", "b", "--scale", "0.65"])
+    known = pd.read_csv("b/summary.csv").set_index("what")["value"]
+    assert "frame rate" not in known
+    assert "um/s" not in known["speed, median"]
+    with pytest.raises(SystemExit, match="2"):  # a run of the film at another scale
+        main(["run", "a.npy", "--to", "b", "--scale", "0.7"])
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("kind", [{}, {"drift": (0.0, 0.0)}, {"flicker": 0.03}])
+def test_a_round_field_is_searched_as_far_as_it_goes(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pictures, truth = film(**{"frames": 12, "cells": (6, 10)} | kind)
+    row, col = np.indices(pictures.shape[1:])
+    middle = np.array(pictures.shape[1:]) / 2
+    far = np.hypot(row - middle[0], col - middle[1])
+    seen = (far < 80) & ~((far < 20) & (row > middle[0]))  # round, and a hole
+    assert 0.5 < np.mean(~seen) < 0.6
+    dimmed = np.rint(pictures * (1 - 0.3 * (far / 80) ** 2).clip(0))
+    holes = dimmed.astype(np.float32)
+    holes[:, ~seen] = np.nan
+    found = kilnflight.detect(holes)
+    there = seen[tuple(truth[PIXEL].to_numpy().round().astype(int).T)]
+    recall, precision = rates(truth[there], found)
+    assert recall > 0.97
+    _, precision = rates(truth, found)  # one cut by the edge may be found
+    assert precision > 0.99
+    assert seen[tuple(found[PIXEL].to_numpy().round().astype(int).T)].all()
+    write(Path("a.npy"), dimmed.astype(np.uint8))
+    cv2.imwrite("mask.png", np.dstack(3 * [255 * seen.astype(np.uint8)]))
+    main(["run", "a.npy", "--mask", "mask.png", "--to", "results"])
+    by_mask = pd.read_parquet("results/detections.parquet")
+    pd.testing.assert_frame_equal(by_mask, found)
+
+
 TABLES = {  # of other programs, made of frame, particle, row, col
     "x, y": lambda table: table.rename(columns={"row": "y", "col": "x"}),
     "index": lambda table: table.set_index("frame"),

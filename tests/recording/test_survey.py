@@ -68,8 +68,14 @@ def answered(folder, subsets):
     focal = scenes.open_scene("V1@small", 0).scene.geometry.focal_length_px
     draft = draft.replace("focal_length_px = 7727.3", f"focal_length_px = {focal}")
     draft = draft.replace("origin = 1  # ?", "origin = 0  #")
-    classes = ", ".join(f"{word} = {kind}" for word, kind in MASKS.items())
-    draft = re.sub(r"# \? classes = .*", f"classes = {{ {classes} }}", draft)
+    if "mask_" in draft:  # the draft asks whether it is a picture for each class
+        assert 'form = "masks"' in draft
+        classes = ", ".join(f"{word} = {kind}" for word, kind in MASKS.items())
+        draft = re.sub(r"mask_\w+", "mask_{class}", draft)
+        top, labels = draft.split("[labels]")
+        labels = labels.replace('form = "grid"', 'form = "masks"')
+        labels = labels.replace("classes = {  }", f"classes = {{ {classes} }}")
+        draft = f"{top}[labels]{labels}"
     roi = [[float(row), float(col)] for row, col in known.roi]
     path = folder / "labelled.toml"
     path.write_text(f"roi = {roi}\nflame_roi = {[*known.flame_roi]}\n{draft}")

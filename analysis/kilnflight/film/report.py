@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from kilnflight.arrays import Integers
 from kilnflight.checks import printable
-from kilnflight.film.spreading import followed
+from kilnflight.film.spreading import followed, speeds
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
 from kilnflight.recording.files import FileRecording
 from kilnflight.recording.frames import LABELS, Attributes, Frame
@@ -27,9 +27,16 @@ MOST_MM = 50_000.0  # nor so deep
 
 
 def _facts(frame: Frame) -> dict[str, Any]:
-    """Return what a frame holds; ``saturated``: share of pixels at its maximum."""
+    """Return what a frame holds.
+
+    ``saturated`` is the share of pixels at its maximum, ``classes`` the number of
+    pixels of each class of Table 5.1; 0 without labels.
+    """
     z = frame.xyz[:, 2]
     brightest = frame.gray.max()
+    labels = np.empty(0, np.uint8)
+    if frame.labels is not None:
+        labels = frame.labels.ravel()
     return {
         "darkest": int(frame.gray.min()),
         "brightest": int(brightest),
@@ -37,28 +44,20 @@ def _facts(frame: Frame) -> dict[str, Any]:
         "points": len(z),
         "nearest_mm": z.min(initial=np.inf),
         "farthest_mm": z.max(initial=-np.inf),
-        "labelled": frame.labels is not None,
-        "classes": _pixels_by_class(frame),
+        "labelled": labels.size > 0,
+        "classes": np.bincount(labels, minlength=len(LABELS)),
     }
-
-
-def _pixels_by_class(frame: Frame) -> Integers:
-    """Return the number of pixels of each class of Table 5.1; 0 without labels."""
-    if frame.labels is None:
-        return np.zeros(len(LABELS), np.intp)
-    return np.bincount(frame.labels.ravel(), minlength=len(LABELS))
 
 
 def _labelled(attributes: Attributes, pixels: Integers) -> Rows:
     """Return what labels show, and what decides which of them count."""
     shares = 100 * pixels / pixels.sum()
     told = [f"{name} {share:.2g} %" for name, share in zip(LABELS, shares, strict=True)]
-    region = "none: particles count everywhere"
-    if attributes.roi is not None:
-        first, last = np.ptp(attributes.roi, axis=0)
-        region = f"{first:.0f} rows, {last:.0f} columns"
-    burner = attributes.flame_roi or "none: its flame is searched, too"
-    return [("classes", ", ".join(told)), ("roi", region), ("flame_roi", f"{burner}")]
+    return [
+        ("classes", ", ".join(told)),
+        ("roi", f"{attributes.roi or 'none: particles count everywhere'}"),
+        ("flame_roi", f"{attributes.flame_roi or 'none: its flame is searched, too'}"),
+    ]
 
 
 def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
@@ -75,6 +74,7 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
         ("frames", f"{len(each)} of {attributes.rows} x {attributes.columns} pixels"),
         *(("note", note) for note in attributes.notes),
         ("gray", f"{each['darkest'].min()} to {top} ({int(top).bit_length()} bits)"),
+        *units(attributes),
         ("points", told),
         ("labels", f"of {each['labelled'].sum()} frames"),
     ]
@@ -95,6 +95,28 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
             told = "depths: is the unit mm, and is the invalid value left out?"
             rows.append(("warning", told))
     return rows
+
+
+def units(attributes: Attributes) -> Rows:
+    """Return frame rate and scale, where they are known."""
+    rows = []
+    if attributes.timed:
+        rows.append(("frame rate", f"{attributes.frame_rate_hz:g} Hz"))
+    if attributes.um_per_px:
+        rows.append(("scale", f"{attributes.um_per_px:g} um/px"))
+    return rows
+
+
+def speed(tracks: pd.DataFrame, attributes: Attributes) -> Rows:
+    """Return the median speed, also in um/s where rate and scale are known."""
+    steps = speeds(followed(tracks))
+    if not len(steps):
+        return []
+    told = f"{np.median(steps):.3g} px/frame"
+    if attributes.timed and attributes.um_per_px:
+        um_s = attributes.um_per_px * attributes.frame_rate_hz * np.median(steps)
+        told += f", {float(f'{um_s:.3g}'):g} um/s"  # 12300, not 1.23e+04
+    return [("speed, median", told)]
 
 
 def aligned(rows: Rows) -> str:

@@ -16,7 +16,7 @@ from kilnflight.film.doubts import doubts
 from kilnflight.film.motion import motion_of
 from kilnflight.film.pictures import pictures, png
 from kilnflight.film.preparation import choose, prepare
-from kilnflight.film.report import Tables, aligned, summary
+from kilnflight.film.report import Tables, aligned, speed, summary, units
 from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording, count_frames
@@ -200,7 +200,9 @@ def run_recording(
     tables = {"detections": run.detection.detections()}
     for step in CHAIN_STEPS:
         tables[step] = run.table(step)()
+    rows += units(stored.attributes)
     rows += summary(tables).items()
+    rows += speed(tables["tracks"], stored.attributes)
     rows += [("warning", doubt) for doubt in doubts(tables)]
     tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
     index = stored.per_frame["index"]

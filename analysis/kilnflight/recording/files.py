@@ -3,20 +3,21 @@
 `open_any` takes
 
 ==========================  ========================================================
-AVI, MP4, MOV, MKV          decoded by OpenCV, 8 bit
-TIFF of several pages       axis T of ImageJ and OME, or pages without a name; z and
-                            channels are refused
+AVI, MP4, MOV, MKV          decoded by OpenCV, 8 bit; grey of 16 bit whole
+TIFF of several pages       axis T of ImageJ and OME, z without time, or pages without a
+                            name; channels are refused; sets of OME files
 folder or pattern           PNG, TIFF, JPEG, NPY, ... one file a frame:
                             ``film/*.png`` or ``film/a_{frame}_8bit.png``; the
                             frame's number stands at ``{frame}``, or is the last one
-                            in the name
+                            in the name; or TIFFs with pages, one after the other
 NPY, MAT, HDF5              (frame, row, col), also with a last axis of colours
 array, or anything indexed  the same, or pictures (row, col) one by one
 Zarr                        what ``kilnflight import``, ``export`` or ``run`` wrote
 TOML                        a manifest, where depth, labels or metadata come in
 ==========================  ========================================================
 
-A gap in the numbers is a gap in time. Of coloured pictures one channel is read, by
+A gap in the numbers is a gap in time; frames of a film have their numbers from time
+stamps. Of coloured pictures one channel is read, by
 default that which varies most in the first frame. Whole grey
 values from 0 to 65535 are taken as they are (8, 10, 12, 16 bit); others, such as floats
 from 0 to 1, are scaled linearly to that range, by the least and the largest value of
@@ -26,6 +27,7 @@ A manifest says what lies where. Patterns are relative to it::
 
     name = "chips-4.5bar"             # every error names it
     frame_rate_hz = 330.0
+    um_per_px = 650.0                 # where particles fly in one plane
     fraction = "wood chip"            # any text
     pressure_bar = 4.5
     lance_mm = [-10.0, 240.0, 8950.0]               # outlet: x, y, z
@@ -84,14 +86,15 @@ import hashlib
 import math
 import mmap
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from kilnflight.arrays import Flags
 from kilnflight.checks import InputError, check_shape
 from kilnflight.recording.frames import (
     Attributes,
@@ -104,7 +107,7 @@ from kilnflight.recording.frames import (
 from kilnflight.recording.manifest import CLASS, SUBSET, FileTable, read_manifest
 from kilnflight.recording.readers import (
     Anything,
-    Film,
+    Facts,
     Layers,
     PictureFiles,
     find_file,
@@ -143,6 +146,10 @@ class FileRecording:
         steps.
     images
         Pictures (rows, cols) or (rows, cols, channels), read one by one.
+    seen
+        (rows, cols) whether a pixel is searched; False: it is masked.
+    dtype
+        Type of the first picture.
     channel
         Of coloured pictures, one of `CHANNELS`.
     scale
@@ -155,6 +162,8 @@ class FileRecording:
     numbers: Sequence[int] = field(repr=False)
     index: Sequence[int] = field(repr=False)
     images: Any = field(repr=False)
+    seen: Flags = field(repr=False)
+    dtype: Any = field(repr=False)
     channel: str | None = None
     scale: tuple[float, float] | None = None
     parts: Sequence[Part] = field(default=(), repr=False)
@@ -169,8 +178,10 @@ class FileRecording:
         mapped = getattr(self.images, "_mmap", None)
         if mapped is not None:  # else all that was read stays in memory
             mapped.madvise(mmap.MADV_DONTNEED)
-        image = _one_channel(self.images[t], self.channel, where)
-        check_shape(image, self.attributes.size, where)
+        image = _one_channel(self.images[t], self.channel, where, self.seen)
+        # MATLAB saves each array in the smallest type
+        if image.dtype != self.dtype and ".mat" not in f"{self.files[:1]}":
+            raise InputError(f"{where}: {image.dtype}, but the first is {self.dtype}.")
         if self.scale is not None:
             low, factor = self.scale
             image = np.rint((image.astype(np.float64) - low) * factor)
@@ -184,26 +195,23 @@ class FileRecording:
         """Return frame ``t``, counted from 0, with its points and labels."""
         gray = self.gray(t)
         number = self.numbers[t]
-        found = dict[str, Any]()
+        index = self.index[t]
+        time_s = (index - self.index[0]) / self.attributes.frame_rate_hz
+        frame = check_frame(
+            Frame(index=index, time_s=time_s, gray=gray), self.attributes
+        )
         for kind, files, table in self.parts:
             if number in files:
                 read = table.read_labels if kind == "labels" else table.read_points
                 try:
-                    found |= read(files[number], gray.shape, number)
+                    found: Any = read(files[number], gray.shape, number)
+                    frame = check_frame(replace(frame, **found), self.attributes)
                 except InputError as error:
                     raise InputError(
-                        f"{error} See [{kind}] of the manifest."
+                        f"{error} See [{kind}] of the manifest: form, unit, invalid, "
+                        "order, origin."
                     ) from error
-        index = self.index[t]
-        time_s = (index - self.index[0]) / self.attributes.frame_rate_hz
-        frame = Frame(index=index, time_s=time_s, gray=gray, **found)
-        try:
-            return check_frame(frame, self.attributes)
-        except InputError as error:
-            if not self.parts:
-                raise
-            told = f"{error} See unit, invalid, order and origin in the manifest."
-            raise InputError(told) from error
+        return frame
 
     @property
     def labelled(self) -> list[int]:
@@ -215,9 +223,7 @@ class FileRecording:
     def files(self) -> list[Path]:
         """The files of single frames, and a film."""
         files = [path for part in self.parts for path in part.files.values()]
-        if isinstance(self.images, Film | PictureFiles):
-            files = [*self.images.files, *files]
-        return files
+        return [*getattr(self.images, "files", ()), *files]
 
     def content(self) -> str:
         """Return a hash (12 hex digits) of attributes and frames.
@@ -225,8 +231,9 @@ class FileRecording:
         Of files the names, sizes and times count, of arrays in memory the values.
         """
         tables = [part.table for part in self.parts]
-        digest = hashlib.sha256(repr((self, list(self.numbers), tables)).encode())
-        if not isinstance(self.images, Film | PictureFiles):
+        stated = f"{self}{self.attributes.um_per_px}{[*self.numbers]}{tables}"
+        digest = hashlib.sha256(stated.encode() + self.seen.tobytes())
+        if not hasattr(self.images, "files"):
             for t in range(len(self)):
                 digest.update(self.gray(t).tobytes())
         for path in self.files:
@@ -236,9 +243,7 @@ class FileRecording:
         return digest.hexdigest()[:12]
 
 
-def open_any(
-    source: Any, *, channel: str | None = None, frame_rate_hz: float | None = None
-) -> FileRecording | StoredRecording:
+def open_any(source: Any, **stated: Any) -> FileRecording | StoredRecording:
     """Open a recording of any kind.
 
     Parameters
@@ -247,12 +252,12 @@ def open_any(
         Path of a film, stack, folder, pattern, array, Zarr recording or manifest; or an
         array (frame, row, col), with colours (frame, row, col, 3); or anything
         indexable of pictures.
-    channel
-        ``"red"``, ``"green"`` or ``"blue"``; None: of coloured pictures that which
-        varies most.
-    frame_rate_hz
-        None: that of the film, or 1. Zarr recordings and manifests state rate and
-        channel themselves; with them both are refused.
+    **stated
+        Fields of `Attributes` in place of what the files state, such as
+        ``frame_rate_hz=50.0`` and ``um_per_px=0.65``. ``channel``: ``"red"``, green or
+        blue of coloured pictures; by default that which varies most. ``mask``: picture
+        (rows, cols); where it is 0, nothing is searched, nor where the first frame is
+        NaN. Zarr recordings and manifests state all this; with them it is refused.
 
     Returns
     -------
@@ -272,27 +277,22 @@ def open_any(
     """
     if hasattr(source, "attributes"):  # open already
         return source
+    given = {name: value for name, value in stated.items() if value is not None}
     if isinstance(source, str | Path):
-        return _open_path(Path(source), channel, frame_rate_hz)
+        return _open_path(Path(source), given)
     indexed = hasattr(source, "__len__") and hasattr(source, "__getitem__")
     if not indexed or hasattr(source, "keys") or not getattr(source, "shape", True):
         raise InputError(
             f"source: {type(source).__name__} is no path and no array of frames."
         )
-    facts = {"name": "array", "frame_rate_hz": frame_rate_hz}
-    return _recording(source, range(len(source)), facts, channel)
+    return _recording(source, range(len(source)), {"name": "array"} | given)
 
 
-def _open_path(
-    path: Path, channel: str | None, frame_rate_hz: float | None
-) -> FileRecording | StoredRecording:
+def _open_path(path: Path, given: Facts) -> FileRecording | StoredRecording:
     is_manifest = path.suffix.lower() == ".toml"
     is_stored = (path / "zarr.json").is_file()
-    given = channel is not None or frame_rate_hz is not None
     if given and (is_manifest or is_stored):
-        raise InputError(
-            f"{path}: leave out channel and frame_rate_hz; it states both."
-        )
+        raise InputError(f"{path}: leave out {', '.join(given)}; it states all itself.")
     if is_manifest:
         return _open_manifest(path)
     is_pattern = re.search(r"[*?{\[]", str(path))
@@ -300,8 +300,8 @@ def _open_path(
         return open_recording(path)  # raises the error where there is nothing
     folder = path if path.is_dir() else path.parent
     name = path.stem if path.is_file() else folder.resolve().name
-    facts = {"name": name, "frame_rate_hz": frame_rate_hz}
-    return _recording(*open_images(str(path), Path()), facts, channel)
+    images, numbers, stated = open_images(str(path), Path())
+    return _recording(images, numbers, {"name": name} | stated | given)
 
 
 def _open_manifest(path: Path) -> FileRecording:
@@ -354,7 +354,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 def _put_together(
     folder: Path,
-    facts: Mapping[str, Any],
+    facts: Facts,
     tables: Mapping[str, FileTable],
     span: Sequence[int] = EVERY,
 ) -> FileRecording:
@@ -364,13 +364,15 @@ def _put_together(
     """
     least, most = span
     gray = tables["gray"]
+    facts = facts | {"channel": gray.channel}
     if gray.form == "stack":
         file = find_file(gray.pattern, folder)
         images: Any = Layers([file], gray.key)
         numbers: Sequence[int] = gray.read_numbers(file)
     else:
-        images, numbers = open_images(gray.pattern, folder, gray.key)
-        if isinstance(images, PictureFiles):
+        images, numbers, stated = open_images(gray.pattern, folder, gray.key)
+        facts = stated | facts
+        if type(images) is PictureFiles:
             kept = [k for k, number in enumerate(numbers) if least <= number <= most]
             images = PictureFiles([images.files[k] for k in kept], gray.key)
             numbers = [numbers[k] for k in kept]
@@ -396,40 +398,50 @@ def _put_together(
                 f"{files[min(extra)]} is of frame {min(extra)}, without gray."
             )
         parts.append(Part(kind, files, table))
-    return _recording(images, numbers, facts, gray.channel, parts)
+    return _recording(images, numbers, facts, parts)
 
 
 def _recording(
     images: Any,
     numbers: Sequence[int],
-    facts: Mapping[str, Any],
-    channel: str | None,
+    facts: Facts,
     parts: Sequence[Part] = (),
 ) -> FileRecording:
-    """Return the recording of some images; the first one decides size and channel."""
-    where = f"recording {facts['name']}"
+    """Return the recording of some images; the first decides size, channel and mask.
+
+    ``facts`` are attributes, and channel, mask and length.
+    """
+    found: Facts = {"frame_rate_hz": 1.0, "timed": "frame_rate_hz" in facts} | facts
+    where = f"recording {found['name']}"
     if not numbers:
         raise InputError(f"{where}: it has no frames.")
     first = np.asarray(images[0])
-    channel, notes = _choose_channel(first, channel, where)
+    channel, told = _choose_channel(first, found.pop("channel", None), where)
+    notes = [*found.pop("notes", ()), *told]
     index, step = count_frames(numbers)
     if step != 1:
         notes.append(f"numbers go in steps of {step:g}: frames are counted from 0")
-    length = index[-1] - index[0] + 1
-    frame_rate_hz = 1.0
-    if isinstance(images, Film):
-        length = max(length, images.stated)
-        frame_rate_hz = images.frame_rate_hz
+    length = max(index[-1] - index[0] + 1, found.pop("length", 0))
     if length > len(index):
         notes.append(f"{length - len(index)} of {length} frames are missing")
     first = _one_channel(first, channel, f"{where}, frame {numbers[0]}")
+    seen = ~np.isnan(first)
+    mask = found.pop("mask", None)
+    if mask is not None:
+        seen &= _one_channel(mask, "red", "mask", seen) != 0
+    if not seen.any():
+        raise InputError(f"{where}: every pixel is masked or NaN.")
+    if not seen.all():
+        notes.append(f"masked: {(~seen).mean():.3g} of the picture is not searched")
     scale = None
     if first.dtype not in SMALL_TYPES or first.max() <= 1:
-        scale, note = _choose_scale(images, numbers, channel, where)
-        notes += note
-    rows, columns = first.shape
-    found = {"rows": rows, "columns": columns, "frame_rate_hz": frame_rate_hz}
-    found |= {key: value for key, value in facts.items() if value is not None}
+        pictures = (
+            _one_channel(images[t], channel, f"{where}, frame {number}", seen)
+            for t, number in enumerate(numbers)
+        )
+        scale, told = _choose_scale(pictures)
+        notes += told
+    found["rows"], found["columns"] = first.shape
     return FileRecording(
         attributes=Attributes.from_json(found | {"notes": notes}),
         numbers=numbers,
@@ -437,6 +449,8 @@ def _recording(
         images=images,
         channel=channel,
         scale=scale,
+        seen=seen,
+        dtype=first.dtype,
         parts=parts,
     )
 
@@ -463,14 +477,13 @@ def _is_coloured(image: Anything) -> bool:
 
 
 def _choose_scale(
-    images: Any, numbers: Sequence[int], channel: str | None, where: str
+    pictures: Iterable[Anything],
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Return the scale of a recording, and a note; None where whole values stay."""
     low = math.inf
     high = -math.inf
     whole = True
-    for t, number in enumerate(numbers):
-        image = _one_channel(images[t], channel, f"{where}, frame {number}")
+    for image in pictures:
         low = min(low, float(image.min()))
         high = max(high, float(image.max()))
         whole = whole and _is_whole(image)
@@ -485,8 +498,13 @@ def _is_whole(image: Anything) -> bool:
     return image.min() >= 0 and image.max() <= WHITE and not (image % 1).any()
 
 
-def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
-    """Return one channel of a picture, or raise an `InputError`."""
+def _one_channel(
+    image: Any, channel: str | None, where: str, seen: Flags | None = None
+) -> Anything:
+    """Return one channel of a picture, or raise an `InputError`.
+
+    With ``seen`` it is finite and as large: what is masked gets the median of the rest.
+    """
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] <= 4:
         if channel is None and _is_coloured(array):
@@ -497,12 +515,17 @@ def _one_channel(image: Any, channel: str | None, where: str) -> Anything:
         and array.shape[1] > 4  # else it is a row of one coloured picture
         and array.size
         and array.dtype.kind in "buif"
-        and np.isfinite(array).all()
         and not np.ma.isMaskedArray(image)
     )
     if not usable:
         kind = f"{array.dtype} of shape {np.shape(image)}"
-        raise InputError(
-            f"{where}: {kind}. Give (frame, row, col), finite, without a mask."
-        )
-    return array.astype(array.dtype.newbyteorder("="), copy=False)
+        raise InputError(f"{where}: {kind}. Give (frame, row, col), a mask by itself.")
+    array = array.astype(array.dtype.newbyteorder("="))
+    if seen is None:
+        return array
+    check_shape(array, seen.shape, where)
+    if not seen.all():
+        array[~seen] = np.quantile(array[seen], 0.5, method="lower")
+    if not np.isfinite(array).all():
+        raise InputError(f"{where}: NaN or infinity. Mask such pixels.")
+    return array

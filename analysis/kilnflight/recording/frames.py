@@ -100,6 +100,10 @@ class Attributes:
     notes
         Sentences about the conversion to this form: missing frames, colours, scaled
         grey values.
+    um_per_px
+        Width of a pixel in the plane of the particles, in um.
+    timed
+        Whether the frame rate is known; else it is 1.
 
     Raises
     ------
@@ -124,10 +128,13 @@ class Attributes:
     flame_roi: tuple[int, int, int, int] | None = None
     depth_calibration: DepthCalibration | None = None
     notes: tuple[str, ...] = ()
+    # Hashes of older recordings are of a repr without these.
+    um_per_px: float | None = field(default=None, repr=False)
+    timed: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"
-        for key in ("rows", "columns", "frame_rate_hz", "pressure_bar"):
+        for key in ("rows", "columns", "frame_rate_hz", "pressure_bar", "um_per_px"):
             value = getattr(self, key)
             if value is not None:
                 whole = key in ("rows", "columns")
@@ -155,10 +162,9 @@ class Attributes:
         if self.flame_roi is None:
             return True
         edges = check_finite(self.flame_roi, f"{where}, flame_roi", (4,))
-        row0, row1, col0, col1 = edges
-        rows_fit = 0 <= row0 < row1 <= self.rows
-        columns_fit = 0 <= col0 < col1 <= self.columns
-        return rows_fit and columns_fit and not (edges % 1).any()
+        first, end = edges.reshape(2, 2).T
+        fits = (first >= 0) & (first < end) & (end <= self.size)
+        return bool(fits.all()) and not (edges % 1).any()
 
     @property
     def size(self) -> tuple[int, int]:

@@ -22,6 +22,7 @@ from kilnflight.recording.readers import POINT, Anything, Key, read_array, read_
 FACTS = (  # attributes that a manifest states
     "name",
     "frame_rate_hz",
+    "um_per_px",
     "fraction",
     "pressure_bar",
     "lance_mm",

@@ -4,6 +4,7 @@ import fnmatch
 import glob
 import io
 import logging
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ import tifffile
 from PIL import Image
 
 from kilnflight.checks import InputError
+from kilnflight.recording.frames import count_frames
 
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 TIFFS = (".tif", ".tiff")
@@ -35,8 +37,14 @@ NAMED = (
 )
 SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
+GRAY_16 = 0x10003159  # OpenCV's name of grey values of 16 bits
+ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
+# Lengths in um and times in s, as ImageJ and OME name them.
+UNITS = {"nm": 1e-3, "um": 1.0, "micron": 1.0, "mm": 1e3, "ms": 1e-3, "s": 1.0}
+UNITS |= {"\u00b5m": 1.0, r"\u00B5m": 1.0, "sec": 1.0, "min": 60.0}
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Anything = npt.NDArray[Any]
+Facts = dict[str, Any]  # attributes by name
 Key = str | Sequence[str] | None  # variable or data set; several become columns
 
 # tifffile would print what is raised here.
@@ -64,29 +72,68 @@ class Layers(PictureFiles):
         return read_layers(self.files[0], self.key)[..., t]
 
 
+class Pages(PictureFiles):
+    """Pages of several files; a file stands once for each of its pages."""
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``."""
+        file = self.files[t]
+        return read_pages(file)[t - self.files.index(file)]
+
+
 class Film:
-    """Frames of a film, decoded in order; a step back decodes from the start."""
+    """Frames of a film, decoded in order; a step back decodes from the start.
+
+    Their ``numbers`` follow from time stamps, which some films round to ms. The header
+    may state a mean rate, and another number of frames.
+    """
 
     def __init__(self, path: Path) -> None:
         self.files = [path]
-        self._capture = cv2.VideoCapture(str(path))
-        self.frame_rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or 1.0
-        self.stated = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        # The frames are counted, as the header may state another number.
-        self._length = sum(1 for _ in iter(self._capture.grab, False))
-        self._next = self._length
-        if not self._length:
+        capture = self._capture = self._opened()
+        times = []
+        while capture.grab():
+            times.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+        if not times:
             raise InputError(
                 f"{path}: no frame can be decoded. Convert it: ffmpeg -i FILM a.avi"
             )
+        self._next = len(times)
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        length = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        stamps = np.array(times)
+        if rate_hz and not np.diff(stamps).all():  # none, or several in 1 ms
+            stamps = np.arange(self._next) / rate_hz
+            length = 0
+        exact = stamps * rate_hz
+        counted = np.rint(exact)
+        if not np.allclose(exact, counted, 0, ROUNDED_S * rate_hz):
+            counted = stamps  # that rate is a mean
+        self.numbers, _ = count_frames(counted)
+        if np.diff(self.numbers).min(initial=1) < 1:
+            raise InputError(
+                f"{path}: its time stamps go backwards, or it states 0 frames/s. "
+                "Convert it: ffmpeg -i FILM -vf setpts=N/25/TB a.mkv"
+            )
+        self.facts = Facts(frame_rate_hz=rate_hz, length=length)
+        steps = np.ptp(self.numbers)
+        if round(np.ptp(stamps) * rate_hz) != steps:
+            self.facts = Facts(frame_rate_hz=steps / np.ptp(stamps))
+        bits = int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) >> 24
+        if 8 < bits < 16:
+            self.facts["notes"] = [f"of {bits} bits 8 are read: make them 16 first"]
 
-    def __len__(self) -> int:
-        return self._length
+    def _opened(self) -> cv2.VideoCapture:
+        """Return the film at its start; grey values of 16 bits are not converted."""
+        capture = cv2.VideoCapture(str(self.files[0]))
+        if capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT) == GRAY_16:
+            capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+        return capture
 
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``, colours as red, green, blue."""
         if t < self._next:
-            self._capture = cv2.VideoCapture(str(self.files[0]))
+            self._capture = self._opened()
             self._next = 0
         for _ in range(self._next, t + 1):
             self._capture.grab()
@@ -96,7 +143,7 @@ class Film:
 
 def open_images(
     pattern: str, folder: Path, key: Key = None
-) -> tuple[Any, Sequence[int]]:
+) -> tuple[Any, Sequence[int], Facts]:
     """Open the pictures of a file, folder or pattern.
 
     Parameters
@@ -114,13 +161,53 @@ def open_images(
         Pictures (rows, cols) or (rows, cols, channels), read one by one.
     numbers
         Number of each frame, ascending.
+    facts
+        Attributes that the files state, with ``notes`` and a film's ``length``.
     """
     path = folder / pattern
-    if not path.is_file():
-        found = number_files(pattern, folder)
-        return PictureFiles([*found.values()], key), [*found]
-    images: Any = Film(path) if path.suffix.lower() in FILMS else read_stack(path, key)
-    return images, range(len(images))
+    if path.is_file():
+        if path.suffix.lower() in FILMS:
+            film = Film(path)
+            return film, film.numbers, film.facts
+        stack = read_stack(path, key)
+        return stack, range(len(stack)), _stated(path)[0]
+    files = number_files(pattern, folder)
+    paths = [*files.values()]
+    facts, text = _stated(paths[0])
+    if paths[-1].name in text:  # a set in OME, which its first file opens
+        paths = paths[:1]
+    elif facts.get("length", 1) == 1:
+        return PictureFiles(paths, key), [*files], facts
+    facts["notes"].append(f"{len(files)} files with pages are one film")
+    read_pages.cache_clear()  # a file may be another one now
+    paths = [path for path in paths for _ in read_pages(path)]
+    return Pages(paths), range(len(paths)), facts
+
+
+def _stated(path: Path) -> tuple[Facts, str]:
+    """Return what ImageJ or OME state of a TIFF, as `open_images`, and their text."""
+    if path.suffix.lower() not in TIFFS:
+        return {"notes": []}, ""
+    notes = []
+    with tifffile.TiffFile(path) as tif:
+        page = tif.pages.first
+        if "Z" in tif.series[0].axes:
+            notes.append("slices along z are read as frames in time")
+        facts = Facts(notes=notes, length=len(tif.pages))
+    # unit=um in a line of ImageJ's, PhysicalSizeX="0.65" in OME
+    told = Facts(re.findall(r'(\w+)="?([^"\n]+)', page.description))
+    width = UNITS.get(told.get("unit", ""), 0.0) / (page.resolution[0] or np.inf)
+    unit = UNITS.get(told.get("PhysicalSizeXUnit", "um"), 0.0)
+    width += float(told.get("PhysicalSizeX", 0)) * unit
+    unit = UNITS.get(told.get("TimeIncrementUnit") or told.get("tunit", "s"), 0.0)
+    step = float(told.get("TimeIncrement") or told.get("finterval", 0)) * unit
+    if width:
+        facts["um_per_px"] = width
+        notes.append(f"the file states {width:g} um/px")
+    if step:
+        facts["frame_rate_hz"] = 1 / step
+        notes.append(f"the file states {step:g} s a frame")
+    return facts, page.description
 
 
 def number_files(pattern: str, folder: Path) -> dict[int, Path]:
@@ -225,6 +312,9 @@ def read_stack(path: Path, key: Key = None, named: bool = True) -> Anything:
         if not isinstance(error, InputError | OSError):
             reason += ". Is it cut off or damaged?"
         raise InputError(f"{path}: {reason}") from error
+
+
+read_pages = lru_cache(maxsize=1)(read_stack)  # pages are asked for one by one
 
 
 @lru_cache(maxsize=2)  # grey values and coordinates of one file
@@ -362,9 +452,11 @@ def _read_tiff(path: Path) -> Anything:
     """Return the pages (n, rows, cols) or with colours, mapped where it is possible."""
     with tifffile.TiffFile(path) as tif:
         _check_pages(tif)
-        several = len(tif.series) > 1
+        every = slice(None) if tif.series[1:] else None
         try:
-            images = tif.asarray(slice(None) if several else None, out="memmap")
+            images = tif.asarray(every, out="memmap")
+        except RuntimeError as error:
+            raise InputError("its pages differ in size or in bits.") from error
         except ValueError:  # a compression that tifffile leaves to another package
             pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED)[1]
             images = np.array([_from_bgr(page) for page in pages])
@@ -384,9 +476,15 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
     if empty or tif.filehandle.read(4) != bytes(4):
         raise ValueError("it ends within its pages")
     series = tif.series[0]
+    if series.kind == "ome" and None in [*series]:  # tifffile would read 0
+        lost = {*re.findall(r'FileName="([^"]+)', f"{tif.ome_metadata}")}
+        lost -= {*os.listdir(tif.filehandle.dirname)}
+        raise InputError(f"pages of its set are missing: {', '.join(sorted(lost))}")
     page = tif.pages.first
     _check_size(page.shape[:2])
     axes = {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1}
+    if not axes & set("TIQ"):
+        axes -= {"Z"}  # one plane at a time
     if axes - set("TIQYXS") or page.photometric not in (1, 2, 6):  # grey, RGB, JPEG's
         raise InputError(
             f"axes {series.axes}, colours {page.photometric!r}. Save grey values of "

@@ -13,15 +13,14 @@ import zipfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from os.path import commonprefix
 from pathlib import Path
-from string import ascii_letters, digits
+from string import digits
 from typing import Any
 
 import numpy as np
 
 from kilnflight.checks import InputError
-from kilnflight.recording.manifest import CLASS, SUBSET
+from kilnflight.recording.manifest import SUBSET
 from kilnflight.recording.readers import (
     PICTURES,
     POINT,
@@ -59,8 +58,6 @@ class Series:
         Array of the first file, or of its first frame.
     layers
         Number of frames in a file with ``form`` "stack", else 1.
-    words
-        Names of the classes with ``form`` "masks".
     """
 
     pattern: str
@@ -70,7 +67,6 @@ class Series:
     form: str
     first: Anything
     layers: int = 1
-    words: Sequence[str] = ()
 
     def told(self) -> str:
         """Return what it holds, in one line."""
@@ -154,7 +150,7 @@ def find_series(folder: Path) -> list[Series]:
     found = [
         series for names in groups.values() for series in _series_of(folder, names)
     ]
-    return _join_masks(_join(found))
+    return _join(found)
 
 
 def _series_of(folder: Path, names: Sequence[str]) -> Iterator[Series]:
@@ -215,27 +211,6 @@ def _join(found: Sequence[Series]) -> list[Series]:
             joined = replace(parts[0], pattern=pattern, files=files)
             found = [joined, *(each for each in found if each not in parts)]
     return [*found]
-
-
-def _join_masks(found: Sequence[Series]) -> list[Series]:
-    """Join label pictures that show one class each."""
-    masks = [
-        each
-        for each in found
-        if each.form == "grid" and len(np.unique(each.first)) == 2
-    ]
-    most = max((len(each.files) for each in masks), default=0)
-    masks = [each for each in masks if len(each.files) == most]
-    if len(masks) < 2:
-        return [*found]
-    patterns = [each.pattern for each in masks]
-    turned = [each[::-1] for each in patterns]
-    start = commonprefix(patterns).rstrip(ascii_letters)  # noqa: RUF071
-    end = commonprefix(turned).rstrip(ascii_letters)  # noqa: RUF071
-    words = [each[len(start) : len(each) - len(end)] for each in patterns]
-    pattern = start + CLASS + end[::-1]
-    joined = replace(masks[0], pattern=pattern, form="masks", words=words)
-    return [joined, *(each for each in found if each not in masks)]
 
 
 def _pattern(names: Sequence[str], one_frame: bool) -> str:

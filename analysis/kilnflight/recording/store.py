@@ -132,7 +132,8 @@ class StoredRecording:
         InputError
             If the recording was changed after it was written.
         """
-        digest = hashlib.sha256(repr(self.attributes).encode())
+        stated = f"{self.attributes}{self.attributes.um_per_px or ''}"
+        digest = hashlib.sha256(stated.encode())
         for values in self.per_frame.values():
             digest.update(values.tobytes())
         for name in KINDS:  # a missing chunk is reported when it is read
@@ -280,8 +281,9 @@ def _write(
             values = getattr(frame, name)
             if values is not None and len(values):
                 arrays[name][position, : len(values)] = values
-        rows.append((frame.index, frame.time_s, len(frame.xyz), labelled))
-    table = pd.DataFrame(rows, columns=[*PER_FRAME])
+        known = frame.index, frame.time_s, len(frame.xyz), labelled
+        rows.append((*known, hash(frame.gray.tobytes())))
+    table = pd.DataFrame(rows, columns=[*PER_FRAME, "picture"])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
     for name, kind in PER_FRAME.items():
@@ -289,6 +291,12 @@ def _write(
     for name, rows_of_truth in truth.items():
         (folder / "truth").mkdir(exist_ok=True)
         rows_of_truth.to_parquet(folder / "truth" / f"{name}.parquet")
+    again = (table["picture"].diff() == 0).sum()
+    if again:
+        group.attrs["notes"] = [
+            *recording.attributes.notes,
+            f"{again} of {len(rows)} frames are equal to the one before",
+        ]
     group.attrs["content"] = open_recording(folder).content()
 
 

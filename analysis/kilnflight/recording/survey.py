@@ -13,7 +13,7 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.manifest import CLASS, SUBSET
+from kilnflight.recording.manifest import SUBSET
 from kilnflight.recording.readers import (
     Anything,
     find_subsets,
@@ -123,7 +123,7 @@ def _subsets(series: Series, folder: Path) -> list[str]:
     if SUBSET not in series.pattern:
         return []
     try:
-        return find_subsets(series.pattern.replace(CLASS, "*"), folder)
+        return find_subsets(series.pattern, folder)
     except InputError:  # its two numbers differ
         return []
 
@@ -297,9 +297,6 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     lines = [f'form = "{series.form}"']
     size = gray.shape[:2]
     asked = "# ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
-    if series.form == "masks":
-        words = ", ".join(f"{word} = " for word in series.words)
-        return [*lines, asked, f"# ? classes = {{ {words} }}  # theirs = ours"]
     if series.form == "table":
         *frame, first, second, theirs = series.first.T
         places = np.column_stack([first, second]).astype(int)
@@ -326,7 +323,7 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     elif len(values) == len(CLASSES):
         classes = dict(zip(sorted(values), sorted(CLASSES), strict=True))
     else:
-        lines.append(f"# ? the files have {sorted(values)}")
+        lines.append(f'# ? they have {sorted(values)}; if of one class: form = "masks"')
     text = ", ".join(f"{theirs} = {ours}" for theirs, ours in classes.items())
     return [*lines, asked, f"classes = {{ {text} }}  # theirs = ours"]
 
