@@ -48,7 +48,11 @@ ARGUMENTS: dict[str, Any] = {
     name: {"type": kind, "metavar": value, "help": told}
     for name, (kind, value, told) in VALUES.items()
 } | {
-    "recordings": {"nargs": "+", "metavar": "PATH", "help": "..., several with --to"},
+    "recordings": {
+        "nargs": "+",
+        "metavar": "PATH",
+        "help": "films as for import; each of several gets a folder in that of --to",
+    },
     "--dark": {
         "action": "store_true",
         "help": "particles are darker than the background",

@@ -292,7 +292,9 @@ def _open_path(path: Path, given: Facts) -> FileRecording | StoredRecording:
     is_manifest = path.suffix.lower() == ".toml"
     is_stored = (path / "zarr.json").is_file()
     if given and (is_manifest or is_stored):
-        raise InputError(f"{path}: leave out {', '.join(given)}; it states all itself.")
+        raise InputError(
+            f"{path}: leave out {', '.join(given)}; it states that itself."
+        )
     if is_manifest:
         return _open_manifest(path)
     is_pattern = re.search(r"[*?{\[]", str(path))
@@ -519,7 +521,7 @@ def _one_channel(
     )
     if not usable:
         kind = f"{array.dtype} of shape {np.shape(image)}"
-        raise InputError(f"{where}: {kind}. Give (frame, row, col), a mask by itself.")
+        raise InputError(f"{where}: {kind}. Give pictures (rows, cols), a mask apart.")
     array = array.astype(array.dtype.newbyteorder("="))
     if seen is None:
         return array
