@@ -197,8 +197,9 @@ figures.save(
 # %% [markdown]
 # ## Mean square displacement
 #
-# The mean drift is subtracted. Diffusion makes a straight line, flight a steeper curve.
-# No line is drawn where it would begin below zero.
+# The mean drift is subtracted. Diffusion makes a straight line (exponent 1), flight a
+# steeper curve (exponent 2). No line is drawn where the exponent is not near 1. Bars
+# are standard errors; lags share displacements.
 
 # %%
 spreading = square_displacements(linked)
@@ -207,8 +208,8 @@ shown = "Too few links for a mean square displacement."
 if name in drawn:
     caption = (
         "Mean square displacement of the tracks of a film, without the common drift. "
-        "A line through the first ten lags shows diffusion. There is none where it "
-        "would begin below zero, as for flight."
+        "A line through the first ten lags shows diffusion. There is none where the "
+        "exponent is not near 1, as for flight. Bars are standard errors."
     )
     known = {"caption": caption, "provenance": origin}
     shown = figures.save(

@@ -62,8 +62,10 @@ def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
     assert names["tracks"]["particle"].max() == 2
     assert all(Path(f"{name}.png").is_file() for name in ("preview", "tracks"))
     names["tracks"].to_csv("labels.csv")
-    (scores,) = (block for block in others if "labels.csv" in block)
-    exec(scores, names)
+    for named in ("square_displacements", "labels.csv"):
+        (block,) = (block for block in others if named in block)
+        exec(block, names)
+    assert names["fit"].exponent >= 0 or np.isnan(names["fit"].exponent)
     assert names["score"].alpha == names["scores"][0].f1 == 1
     commands = re.findall(r"^[ `]*\.venv/bin/kilnflight ([^`#\n]+)", text, re.MULTILINE)
     steps = [shlex.split(command) for command in commands if "ADDRESS" not in command]

@@ -115,6 +115,7 @@ PUBLIC = {
     "TrackScore": "scores.tracks",
     "square_displacements": "film.spreading",
     "diffusion": "film.spreading",
+    "fit_spreading": "film.spreading",
     # sort
     "PredictionPhase": "belt",
     "BeltTracker": "belt.tracker",

@@ -13,7 +13,14 @@ from kilnflight.film.preparation import choose
 from kilnflight.film.prepared import spread
 from kilnflight.film.report import Tables
 from kilnflight.film.settings import Options
-from kilnflight.film.spreading import diffusion, followed, speeds, square_displacements
+from kilnflight.film.spreading import (
+    LEAST_PX2,
+    MEANS,
+    fit_spreading,
+    followed,
+    speeds,
+    square_displacements,
+)
 from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
@@ -21,6 +28,7 @@ from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
 
 PREVIEW_FRAMES = 3
 PREVIEW_STEPS = (0.5, 1.0, 2.0)  # multiples of the threshold
+MOST_APART = 0.5  # of an exponent from 1, for diffusion
 BARS = {"color": "0.7", "edgecolor": "black"}  # histograms
 
 
@@ -51,8 +59,9 @@ def pictures(
     yield "tracks", plot_tracks(recording, tables["tracks"])
     yield "lengths-and-speeds", _lengths_and_speeds(linked)
     spreading = square_displacements(linked)
-    if len(spreading) > 2:
-        yield "mean-square-displacement", _spreading(spreading)
+    if len(spreading) > 2 and spreading["square_px2"].max() > LEAST_PX2:
+        figure = _spreading(spreading, linked["particle"].nunique())
+        yield "mean-square-displacement", figure
 
 
 def _counts(detections: pd.DataFrame, frames: Any) -> Figure:
@@ -69,25 +78,28 @@ def _lengths_and_speeds(linked: pd.DataFrame) -> Figure:
     figure, ((left, right),) = style.canvas(columns=2, width_mm=style.PAGE_MM)
     left.hist(linked["particle"].value_counts(), bins=30, **BARS)
     left.set(xlabel="length of a track (detections)", ylabel="tracks")
-    right.hist(speeds(linked), bins=40, **BARS)
+    # steps that differ by rounding alone make no bins
+    right.hist(speeds(linked).round(6), bins=40, **BARS)
     right.set(xlabel="speed (px/frame)", ylabel="steps")
     return figure
 
 
-def _spreading(displacements: pd.DataFrame) -> Figure:
+def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
     """Return a figure of mean square displacements with their fit."""
     figure, ((axes,),) = style.canvas(width_mm=120)
-    diffusing, error = diffusion(displacements)
-    lag = displacements["lag"].to_numpy()
-    axes.plot(lag, displacements["square_px2"], "o", ms=3, label="tracks, no drift")
-    line = 4 * (diffusing * lag + error)
-    fitted = f"4 · {diffusing:.3g} px²/frame · lag {4 * error:+.3g} px²"
-    if line[0] < 0:  # a mean square is not
-        axes.set_title("not diffusive: a line would begin below 0")
+    lag, square, error = displacements[MEANS].to_numpy(float).T
+    fit = fit_spreading(displacements)
+    told = f"{tracks} track(s), exponent {fit.exponent:.2f}"
+    axes.errorbar(lag, square, error, fmt="o", ms=3, lw=0.8, label=told)
+    spread = f"D = {fit.diffusion:.3g} ± {fit.diffusion_error:.2g} px²/frame"
+    offset = 4 * fit.position_error_px2
+    if abs(fit.exponent - 1) > MOST_APART:
+        axes.set_title("not diffusive: the exponent is not near 1")
     else:
-        axes.plot(lag, line, label=fitted)
+        fitted = f"{spread}\n4 D lag {offset:+.2g} px²"
+        axes.plot(lag, 4 * fit.diffusion * lag + offset, label=fitted)
     axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
-    axes.legend()
+    axes.legend(loc="upper left")
     return figure
 
 

@@ -1,6 +1,7 @@
 """The steps on a recording of one's own: detect, track, or all of them."""
 
 import warnings
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -257,19 +258,24 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
-    contents = {}
-    for name in ("detections", *CHAIN_STEPS):
-        if name in ALWAYS or len(tables[name]):
-            contents[f"{name}.parquet"] = tables[name].to_parquet(index=False)
-    # Empty columns, such as millimetres of a film, are left out.
-    for name in ("tracks", "summary"):
-        known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
-        contents[f"{name}.csv"] = csv_of(known).encode()
-    for name, figure in pictures(recording, tables, frames):
-        contents[f"{name}.png"] = png(figure)
     with locked(folder):
         # another run may have left one
         (folder / "mean-square-displacement.png").unlink(missing_ok=True)
-        for name, content in contents.items():
+        for name, content in _contents(tables, recording, frames):
             clear_parts(folder / name)
             write_whole(folder / name, content)
+
+
+def _contents(
+    tables: Tables, recording: Recording, frames: Any
+) -> Iterator[tuple[str, bytes]]:
+    """Yield names and contents of files, the tables first: no picture prevents them."""
+    for name in ("detections", *CHAIN_STEPS):
+        if name in ALWAYS or len(tables[name]):
+            yield f"{name}.parquet", tables[name].to_parquet(index=False)
+    # Empty columns, such as millimetres of a film, are left out.
+    for name in ("tracks", "summary"):
+        known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
+        yield f"{name}.csv", csv_of(known).encode()
+    for name, figure in pictures(recording, tables, frames):
+        yield f"{name}.png", png(figure)

@@ -1,28 +1,54 @@
-"""Steps and mean square displacement of tracks; no truth is needed."""
+"""Steps, mean square displacements and diffusion of tracks; no truth is needed."""
+
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array
+from kilnflight.checks import check_number
 
 LONGEST_LAG = 100  # frames
-PAIRS = 30  # fewer displacements make no mean
+ALONE = 0.25  # share of positions with others in their frame; drift shows from it on
+LEAST_PX2 = 1e-12  # no error is taken smaller
+MEANS = ["lag", "square_px2", "error_px2"]
 PLACE = ["particle", "frame", "row", "col"]
 
 
-def square_displacements(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Average the square displacements by lag, after the common drift is taken off.
+def square_displacements(
+    tracks: pd.DataFrame, each: bool = False, drift: bool = True
+) -> pd.DataFrame:
+    """Average the square displacements by lag, of all tracks or of each.
 
     Parameters
     ----------
     tracks
-        Columns particle, frame, row, col (px); every row in a track.
+        Columns particle (-1: in no track), frame, row, col (px).
+    each
+        Whether to average each track on its own.
+    drift
+        Whether to take the common drift off. None is taken off a lone particle, which
+        tells nothing of it.
 
     Returns
     -------
     DataFrame
-        lag (frames), square_px2, pairs: up to a quarter of the frames and
-        `LONGEST_LAG`.
+        lag (frames), square_px2, its standard error error_px2, and pairs, the number of
+        displacements; with ``each`` first particle. Lags go up to a quarter of the
+        frames and to `LONGEST_LAG`, as long as the error is below half of the value.
+
+    Notes
+    -----
+    A pair of positions counts by its own lag, also across a gap. The drift of a pair is
+    the mean displacement of the n particles that are seen in both of its frames. As the
+    particle is one of them, the square counts as 1 - 1/n. A pair without another
+    particle does not count. Alone are particles with another one in less than a quarter
+    of their frames.
+
+    Pairs of a track that overlap in time are not independent. The error is that of a
+    walk: m pairs of a lag count as ``3 m lag / (2 lag^2 + 1)`` (Qian, Sheetz and Elson,
+    Biophys. J. 60, 1991). Particles that differ scatter more.
 
     Examples
     --------
@@ -32,42 +58,119 @@ def square_displacements(tracks: pd.DataFrame) -> pd.DataFrame:
     >>> displacements["lag"].tolist()
     [1, 2, 3, 4]
     """
-    placed = tracks.sort_values(["particle", "frame"])[PLACE]
-    drift = _drift(placed)
-    places = placed[["row", "col"]].to_numpy() - drift.loc[placed["frame"]].to_numpy()
-    moved = placed.assign(row=places[:, 0], col=places[:, 1])
-    rows = []
-    for lag in range(1, min(LONGEST_LAG, len(drift) // 4) + 1):
-        later = moved.assign(frame=moved["frame"] + lag)
-        both = moved.merge(later, on=["particle", "frame"])
-        if len(both) < PAIRS:
-            break
-        down = both["row_x"] - both["row_y"]
-        right = both["col_x"] - both["col_y"]
-        rows.append((lag, (down**2 + right**2).mean(), len(both)))
-    return pd.DataFrame(rows, columns=["lag", "square_px2", "pairs"])
+    placed = followed(tracks)[PLACE]
+    drift &= bool(placed.duplicated("frame", keep=False).mean() > ALONE)
+    longest = min(LONGEST_LAG, placed["frame"].nunique() // 4)
+    parts = [_squares(placed, lag, drift) for lag in range(1, max(longest, 1) + 1)]
+    keys = ["lag"]
+    if each:
+        keys = ["particle", "lag"]
+    table = pd.concat(parts).groupby(keys, as_index=False).sum()
+    lag = table["lag"]
+    table["square_px2"] /= table["free"]
+    share = np.sqrt((2 * lag**2 + 1) / (3 * lag * table["free"]))
+    table["error_px2"] = table["square_px2"] * share
+    return table.loc[share <= 0.5, [*keys, "square_px2", "error_px2", "pairs"]]
 
 
-def _drift(placed: pd.DataFrame) -> pd.DataFrame:
-    """Return row and col (px) of the common way by frame, interpolated over gaps."""
-    steps = placed.diff()
-    single = (steps["particle"] == 0) & (steps["frame"] == 1)
-    drift = steps[single].groupby(placed["frame"][single])[["row", "col"]].mean()
-    frames = np.unique(placed["frame"].to_numpy(np.int64))
-    drift = drift.reindex(frames).interpolate(limit_direction="both").fillna(0.0)
-    return drift.mul(np.diff(frames, prepend=frames[:1]), axis=0).cumsum()
+def _squares(placed: pd.DataFrame, lag: int, drift: bool) -> pd.DataFrame:
+    """Return square_px2, pairs and free of each particle, sums over its pairs of a lag.
+
+    ``free`` is the number of pairs but for what the drift takes.
+    """
+    later = placed.assign(frame=placed["frame"] + lag)
+    both = placed.merge(later, on=["particle", "frame"])
+    steps = both[["row_x", "col_x"]] - both[["row_y", "col_y"]].to_numpy()
+    both["free"] = 1.0
+    if drift:
+        together = steps.groupby(both["frame"])
+        steps -= together.transform("mean")
+        both["free"] -= 1 / together["row_x"].transform("size")
+    both = both.assign(square_px2=(steps**2).sum(axis=1), pairs=both["free"] > 0)
+    sums = both.groupby("particle")[["square_px2", "pairs", "free"]].sum()
+    return sums.reset_index().assign(lag=lag)
+
+
+class Spreading(NamedTuple):
+    """Diffusion that mean square displacements show."""
+
+    diffusion: float  # D, px^2 a frame
+    position_error_px2: float  # square of the error of a position, per axis
+    diffusion_error: float  # standard error of D
+    exponent: float  # of the lag: 1 for diffusion, 2 for flight; NaN: D may be 0
+
+
+def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
+    """Fit a line and a power of the lag to mean square displacements.
+
+    Parameters
+    ----------
+    displacements
+        From `square_displacements`; of one track if of each.
+    lags
+        Number of the first lags that are fitted: the line 4 D lag + 4 error^2, and the
+        power c lag^exponent + 4 error^2 with an error^2 of its own, not below 0.
+
+    Returns
+    -------
+    Spreading
+        D with its standard error, the exponent, and the square of the error of a
+        position, which noise can make negative.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three lags.
+
+    Notes
+    -----
+    Both are least squares, weighted by the errors. Mean squares of two lags share
+    displacements; the error of D allows for it, as in a walk (Qian et al. 1991).
+
+    Examples
+    --------
+    >>> walked = pd.DataFrame({"lag": [1, 2, 3], "square_px2": [3.0, 5.0, 7.0]})
+    >>> fit = fit_spreading(walked.assign(error_px2=0.5))
+    >>> round(fit.diffusion, 6), round(fit.exponent, 6)
+    (0.5, 1.0)
+    """
+    first = displacements.head(lags)
+    check_number(len(first), "diffusion: number of lags", least=3)
+    lag, square, error = first[MEANS].to_numpy(float).T
+    error = np.maximum(error, LEAST_PX2)
+    line = np.linalg.pinv(np.stack([lag / error, 1 / error], axis=1)) / error
+    slope, offset = line @ square
+    short = np.minimum.outer(lag, lag)
+    common = short * (3 * np.outer(lag, lag) - short**2 + 1)  # of pairs of both lags
+    weights = line[0] * error / np.sqrt(common.diagonal())
+    slope_error = np.sqrt(weights @ common @ weights)
+
+    exponent = np.nan
+    if slope > 2 * slope_error:
+
+        def missed(power: Array) -> Array:
+            return (power[0] * lag ** power[1] + power[2] - square) / error
+
+        start = [slope, 1.0, max(offset, 0.0)]
+        most = [np.inf, 3.0, np.inf]
+        exponent = least_squares(missed, start, bounds=(0.0, most)).x[1]
+    return Spreading(
+        diffusion=float(slope) / 4,
+        position_error_px2=float(offset) / 4,
+        diffusion_error=float(slope_error) / 4,
+        exponent=float(exponent),
+    )
 
 
 def diffusion(displacements: pd.DataFrame, lags: int = 10) -> tuple[float, float]:
-    """Fit diffusion to mean square displacements.
+    """Return D and the error of a position, as `fit_spreading` has them.
 
     Parameters
     ----------
     displacements
         From `square_displacements`.
     lags
-        Number of the first lags that are fitted by 4 D lag + 4 error^2, by least
-        squares.
+        Number of the first lags that are fitted, as by `fit_spreading`.
 
     Returns
     -------
@@ -77,15 +180,11 @@ def diffusion(displacements: pd.DataFrame, lags: int = 10) -> tuple[float, float
 
     Examples
     --------
-    >>> import pandas as pd
     >>> walked = pd.DataFrame({"lag": [1, 2, 3], "square_px2": [3.0, 5.0, 7.0]})
-    >>> [round(value, 6) for value in diffusion(walked)]
+    >>> [round(value, 6) for value in diffusion(walked.assign(error_px2=0.5))]
     [0.5, 0.25]
     """
-    first = displacements.head(lags)
-    line = np.polynomial.Polynomial.fit(first["lag"], first["square_px2"], 1)
-    offset, slope = line.convert().coef
-    return float(slope) / 4, float(offset) / 4
+    return fit_spreading(displacements, lags)[:2]
 
 
 def speeds(tracks: pd.DataFrame) -> Array:
