@@ -1,7 +1,8 @@
 """Columns, units and checks of the tables that steps exchange.
 
 Conventions: one row is one particle in one frame. Columns ``x``, ``y``, ``z`` are in
-millimetres, ``row`` and ``col`` in pixels; ``particle`` is a track. Other columns carry
+millimetres, ``row`` and ``col`` in pixels; ``particle`` is a track. ``link`` says how
+sure the link to the track is, from 1 to 0 (`kilnflight.track`). Other columns carry
 their unit in the name. On the belt ``x`` points along the transport direction and ``y``
 across it.
 """
@@ -27,6 +28,19 @@ LIMITS: dict[str, dict[str, Any]] = {
     "t0_at_bound": {"least": -1},
     "z": {"above": 0},
     "points": {"least": 0},
+}
+OURS = ("particle", "frame", "plane", "row", "col")
+PROGRAMS = {  # names of these columns in their tables of tracks
+    "trackpy": "particle frame z y x",
+    "trackmate": "TRACK_ID FRAME POSITION_Z POSITION_Y POSITION_X",
+    "napari": "ID T Z Y X",
+    "btrack": "ID t z y x",
+    "laptrack": "track_id frame z y x",
+    "challenge": "particle t z y x",
+}
+FORMATS = {
+    form: dict(zip(OURS, names.split(), strict=True))
+    for form, names in PROGRAMS.items()
 }
 HIGHEST_ORDER = 6  # order of a regressed trajectory, section 4.3
 
@@ -197,6 +211,8 @@ DETECTIONS = Table(
 PLACES = Table("places", x=GAPS, y=GAPS, z=GAPS)
 TO_TRACK = Table("detections to track", frame=int, row=float, col=float, z=GAPS)
 
+TRACKED = Table("tracks", particle=int, frame=int, row=float, col=float)
+
 TRAJECTORIES = Table(
     "regressed trajectories",
     particle=int,  # track
@@ -265,9 +281,8 @@ def plain(table: pd.DataFrame) -> pd.DataFrame:
     names = [name for name in table.index.names if name not in (None, *table.columns)]
     if names:
         table = table.reset_index(names)
-    kinds = {}
-    for name in table.select_dtypes("category"):
-        kinds[name] = table[name].cat.categories.dtype
+    named = table.select_dtypes("category")
+    kinds = {name: named[name].cat.categories.dtype for name in named}
     return _unnamed(table).astype(kinds)
 
 
@@ -277,20 +292,38 @@ def _unnamed(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a plain table of other programs with row and col in px, from y and x.
+    """Return a plain table of other programs with our names, row and col in px.
 
-    There z is a plane. A table that has row or col keeps its columns: x, y, z are mm.
+    The program of `FORMATS` is the one with most of the columns. Its z is a plane. A
+    table that has row or col keeps its columns: x, y, z are mm.
 
     Examples
     --------
     >>> list(with_pixels(pd.DataFrame({"y": [2.5], "x": [7.0], "frame": [3]})).columns)
     ['row', 'col', 'frame']
+    >>> list(with_pixels(pd.DataFrame({"ID": [1], "t": [0], "y": 2.5, "x": 7.0})))
+    ['particle', 'frame', 'row', 'col']
     """
     table = plain(table)
-    columns = set(table.columns)
-    if {"x", "y"} <= columns and not {"row", "col"} & columns:
-        table = table.rename(columns={"x": "col", "y": "row", "z": "plane"})
-    return table
+    held = set(table.columns)
+    names = max(FORMATS.values(), key=lambda each: len(held & {*each.values()}))
+    if {"row", "col"} & held or not {names["row"], names["col"]} <= held:
+        return table
+    return table.rename(columns={name: ours for ours, name in names.items()})
+
+
+def in_tracks(table: pd.DataFrame, where: str) -> pd.DataFrame:
+    """Return `TRACKED` of the rows in tracks, sorted by particle and frame.
+
+    ``where`` begins an error.
+
+    Raises
+    ------
+    InputError
+        As `order_tracks`, or if a position is not finite.
+    """
+    table = with_pixels(table)
+    return TRACKED.check(table.iloc[order_tracks(table, where)[0]], where)
 
 
 def order_tracks(

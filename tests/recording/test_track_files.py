@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight.checks import InputError
 from kilnflight.recording.track_files import FORMATS, read_table, write_table
+from kilnflight.scores import score_tracks
 
 NAMES = ["frame", "particle", "row", "col"]
 
@@ -53,3 +55,106 @@ def test_x_and_y_of_another_program_are_col_and_row(name, tmp_path):
     ours = table.assign(row=1.0, col=2.0)  # x, y in mm
     write_table(ours, tmp_path / name)
     pd.testing.assert_frame_equal(read_table(tmp_path / name), ours)
+
+
+@pytest.fixture
+def tracks():
+    """Three tracks of four frames, one with a gap, and a row in no track."""
+    frame, particle = np.divmod(np.arange(12), 3)
+    rng = np.random.default_rng(2)
+    table = pd.DataFrame({"frame": frame, "particle": particle})
+    table[["row", "col"]] = 50 * particle[:, None] + rng.normal(size=(12, 2))
+    return pd.concat([table[table.index != 4], table[:1].assign(particle=-1, row=9.0)])
+
+
+def ending(form):
+    return {"challenge": "xml", "csv": "csv"}.get(form, "csv")
+
+
+@pytest.mark.parametrize("form", ["csv", *FORMATS])
+def test_every_export_comes_back(form, tracks, tmp_path):
+    path = tmp_path / f"t.{ending(form)}"
+    write_table(tracks, path, form)
+    found = read_table(path)
+    kept = tracks if form == "csv" else tracks[tracks["particle"] >= 0]
+    order = ["particle", "frame"]
+    np.testing.assert_array_equal(
+        found.sort_values(order)[NAMES], kept.sort_values(order)[NAMES]
+    )
+    score = score_tracks(tracks, found, gate=1e-9)
+    assert (score.tp, score.fn, score.fp) == (11, 1, 0)  # of the gap
+    assert score.tp_tracks == 3
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_table_in_memory_has_the_names_of_its_program(form, tracks):
+    theirs = tracks[tracks["particle"] >= 0].rename(columns=FORMATS[form])
+    assert score_tracks(tracks, theirs, gate=1e-9).tp == 11
+
+
+def test_a_depth_of_another_program_is_a_plane(tracks, tmp_path):
+    for form in FORMATS:
+        path = tmp_path / f"t.{ending(form)}"
+        write_table(tracks.assign(plane=tracks["row"] / 7), path, form)
+        found = read_table(path)
+        np.testing.assert_allclose(found["plane"], found["row"] / 7, rtol=1e-14)
+
+
+SPOTS = """LABEL,ID,TRACK_ID,QUALITY,POSITION_X,POSITION_Y,POSITION_Z,POSITION_T,FRAME
+Label,Spot ID,Track ID,Quality,X,Y,Z,T,Frame
+Label,Spot ID,Track ID,Quality,X,Y,Z,T,Frame
+,,,(quality),(micron),(micron),(micron),(sec),
+ID1752,1752,0,36.5,5.25,7.5,0.0,0.0,0
+ID1760,1760,0,35.5,5.75,8.5,0.0,0.4,2
+ID1770,1770,,9.5,50.0,60.0,0.0,0.4,2
+"""
+SIMPLE = """<?xml version="1.0" encoding="UTF-8"?>
+<Tracks nTracks="2" spaceUnits="micron" frameInterval="0.4" generationDateTime="today">
+  <particle nSpots="2">
+    <detection t="0" x="5.25" y="7.5" z="0.0" />
+    <detection t="2" x="5.75" y="8.5" z="0.0" />
+  </particle>
+  <particle nSpots="1">
+    <detection t="2" x="50.0" y="60.0" z="0.0" />
+  </particle>
+</Tracks>
+"""
+BTRACK = "ID,t,x,y,parent,root\n1,0,5.25,7.5,1,1\n1,2,5.75,8.5,1,1\n7,2,50,60,7,7\n"
+BOXES = (
+    "1,3,3.25,5.5,4,4,1,-1,-1,-1\n3,3,3.75,6.5,4,4,1,-1,-1,-1\n3,9,48,58,4,4,1,1,1,1\n"
+)
+
+
+@pytest.mark.parametrize("text", [SPOTS, SIMPLE, BTRACK, BOXES])
+def test_tables_that_other_programs_wrote_are_read(text, tmp_path):
+    (tmp_path / "a.txt").write_text(text)
+    found = read_table(tmp_path / "a.txt")
+    places = [[0, 7.5, 5.25], [2, 8.5, 5.75], [2, 60.0, 50.0]]
+    assert found[["frame", "row", "col"]].to_numpy().tolist() == places
+    first, second, third = found["particle"].tolist()
+    assert first == second != third
+
+
+def test_boxes_without_a_number_are_in_no_track_and_can_be_linked(tmp_path):
+    lines = BOXES.replace(",3,", ",-1,").replace(",9,", ",-1,")
+    (tmp_path / "det.txt").write_text(lines)
+    assert read_table(tmp_path / "det.txt")["particle"].isna().all()
+    for wrong in ("1,2,3,4,5\n2,2,3,4,5\n", BOXES + "1,2\n", SIMPLE[:-20], ""):
+        (tmp_path / "det.txt").write_text(wrong)
+        with pytest.raises(InputError, match=r"det\.txt"):
+            read_table(tmp_path / "det.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("t.xml", "trackmate"),
+        ("t.parquet", "napari"),
+        ("t.csv", "challenge"),
+        ("t.xml", "csv"),
+    ],
+)
+def test_a_name_that_another_format_has_is_refused(name, form, tracks, tmp_path):
+    with pytest.raises(InputError, match=name):
+        write_table(tracks, tmp_path / name, form)
+    assert not list(tmp_path.iterdir())

@@ -15,7 +15,7 @@ from kilnflight.film.report import Tables
 from kilnflight.film.settings import Options
 from kilnflight.film.spreading import (
     LEAST_PX2,
-    MEANS,
+    SQUARES,
     fit_spreading,
     followed,
     speeds,
@@ -24,11 +24,10 @@ from kilnflight.film.spreading import (
 from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
-from kilnflight.tables import TO_TRACK, order_tracks, with_pixels
+from kilnflight.tables import in_tracks
 
 PREVIEW_FRAMES = 3
 PREVIEW_STEPS = (0.5, 1.0, 2.0)  # multiples of the threshold
-MOST_APART = 0.5  # of an exponent from 1, for diffusion
 BARS = {"color": "0.7", "edgecolor": "black"}  # histograms
 
 
@@ -60,8 +59,8 @@ def pictures(
     yield "lengths-and-speeds", _lengths_and_speeds(linked)
     spreading = square_displacements(linked)
     if len(spreading) > 2 and spreading["square_px2"].max() > LEAST_PX2:
-        figure = _spreading(spreading, linked["particle"].nunique())
-        yield "mean-square-displacement", figure
+        count = linked["particle"].nunique()
+        yield "mean-square-displacement", _spreading(spreading, count)
 
 
 def _counts(detections: pd.DataFrame, frames: Any) -> Figure:
@@ -87,19 +86,17 @@ def _lengths_and_speeds(linked: pd.DataFrame) -> Figure:
 def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
     """Return a figure of mean square displacements with their fit."""
     figure, ((axes,),) = style.canvas(width_mm=120)
-    lag, square, error = displacements[MEANS].to_numpy(float).T
+    lag, square, error = displacements[SQUARES.names].to_numpy(float).T
     fit = fit_spreading(displacements)
     told = f"{tracks} track(s), exponent {fit.exponent:.2f}"
-    axes.errorbar(lag, square, error, fmt="o", ms=3, lw=0.8, label=told)
-    spread = f"D = {fit.diffusion:.3g} ± {fit.diffusion_error:.2g} px²/frame"
-    offset = 4 * fit.position_error_px2
-    if abs(fit.exponent - 1) > MOST_APART:
+    axes.errorbar(lag, square, error, fmt="o", ms=3, label=told)
+    if abs(fit.exponent - 1) > 0.5:
         axes.set_title("not diffusive: the exponent is not near 1")
     else:
-        fitted = f"{spread}\n4 D lag {offset:+.2g} px²"
-        axes.plot(lag, 4 * fit.diffusion * lag + offset, label=fitted)
+        told = f"D = {fit.diffusion:.3g} ± {fit.diffusion_error:.2g} px²/frame"
+        axes.plot(lag, 4 * (fit.diffusion * lag + fit.position_error_px2), label=told)
     axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
-    axes.legend(loc="upper left")
+    axes.legend()
     return figure
 
 
@@ -128,12 +125,7 @@ def plot_tracks(source: Any, tracks: pd.DataFrame) -> Figure:
     gray = open_any(source).gray(0)
     figure, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
     style.draw_frame(axes, gray, 1 + gray.shape[1] // 800)
-    where = "plot_tracks: tracks"
-    table = with_pixels(tracks)
-    rows = order_tracks(table, where)[0]
-    places = TO_TRACK.check(table.assign(z=1.0), where)
-    places = places.assign(particle=table["particle"])
-    style.draw_tracks(axes, places.iloc[rows])
+    style.draw_tracks(axes, in_tracks(tracks, "plot_tracks: tracks"))
     return figure
 
 

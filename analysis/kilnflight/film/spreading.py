@@ -8,12 +8,12 @@ from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array
 from kilnflight.checks import check_number
+from kilnflight.tables import TRACKED, Table, in_tracks
 
 LONGEST_LAG = 100  # frames
 ALONE = 0.25  # share of positions with others in their frame; drift shows from it on
 LEAST_PX2 = 1e-12  # no error is taken smaller
-MEANS = ["lag", "square_px2", "error_px2"]
-PLACE = ["particle", "frame", "row", "col"]
+SQUARES = Table("square displacements", lag=int, square_px2=float, error_px2=float)
 
 
 def square_displacements(
@@ -24,7 +24,7 @@ def square_displacements(
     Parameters
     ----------
     tracks
-        Columns particle (-1: in no track), frame, row, col (px).
+        Columns particle (-1: in no track), frame, row, col or y, x (px).
     each
         Whether to average each track on its own.
     drift
@@ -37,6 +37,12 @@ def square_displacements(
         lag (frames), square_px2, its standard error error_px2, and pairs, the number of
         displacements; with ``each`` first particle. Lags go up to a quarter of the
         frames and to `LONGEST_LAG`, as long as the error is below half of the value.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or not made of such numbers, or a particle is twice in a
+        frame.
 
     Notes
     -----
@@ -58,14 +64,14 @@ def square_displacements(
     >>> displacements["lag"].tolist()
     [1, 2, 3, 4]
     """
-    placed = followed(tracks)[PLACE]
-    drift &= bool(placed.duplicated("frame", keep=False).mean() > ALONE)
-    longest = min(LONGEST_LAG, placed["frame"].nunique() // 4)
-    parts = [_squares(placed, lag, drift) for lag in range(1, max(longest, 1) + 1)]
+    placed = in_tracks(tracks, "square_displacements: tracks")
+    drift &= placed.duplicated("frame", keep=False).mean() > ALONE
+    longest = np.clip(placed["frame"].nunique() // 4, 1, LONGEST_LAG)
+    parts = [_squares(placed, lag, drift) for lag in range(1, longest + 1)]
     keys = ["lag"]
     if each:
         keys = ["particle", "lag"]
-    table = pd.concat(parts).groupby(keys, as_index=False).sum()
+    table = pd.concat(parts).groupby(keys).sum().reset_index()
     lag = table["lag"]
     table["square_px2"] /= table["free"]
     share = np.sqrt((2 * lag**2 + 1) / (3 * lag * table["free"]))
@@ -79,16 +85,15 @@ def _squares(placed: pd.DataFrame, lag: int, drift: bool) -> pd.DataFrame:
     ``free`` is the number of pairs but for what the drift takes.
     """
     later = placed.assign(frame=placed["frame"] + lag)
-    both = placed.merge(later, on=["particle", "frame"])
-    steps = both[["row_x", "col_x"]] - both[["row_y", "col_y"]].to_numpy()
-    both["free"] = 1.0
+    both = placed.merge(later, on=["particle", "frame"]).assign(lag=lag, free=1.0)
+    steps = both.filter(like="_x") - both.filter(like="_y").to_numpy()
     if drift:
         together = steps.groupby(both["frame"])
         steps -= together.transform("mean")
         both["free"] -= 1 / together["row_x"].transform("size")
-    both = both.assign(square_px2=(steps**2).sum(axis=1), pairs=both["free"] > 0)
-    sums = both.groupby("particle")[["square_px2", "pairs", "free"]].sum()
-    return sums.reset_index().assign(lag=lag)
+    both["square_px2"] = (steps**2).sum(axis=1)
+    both["pairs"] = both["free"] > 0
+    return both.groupby(["particle", "lag"])[["square_px2", "pairs", "free"]].sum()
 
 
 class Spreading(NamedTuple):
@@ -120,12 +125,12 @@ def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
     Raises
     ------
     InputError
-        If there are fewer than three lags.
+        If there are fewer than three lags, or a value is not finite.
 
     Notes
     -----
-    Both are least squares, weighted by the errors. Mean squares of two lags share
-    displacements; the error of D allows for it, as in a walk (Qian et al. 1991).
+    Both are least squares, weighted by the errors. Lags share steps, so their errors go
+    together; the error of D allows for it.
 
     Examples
     --------
@@ -134,31 +139,27 @@ def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
     >>> round(fit.diffusion, 6), round(fit.exponent, 6)
     (0.5, 1.0)
     """
-    first = displacements.head(lags)
+    first = SQUARES.check(displacements).head(lags)
     check_number(len(first), "diffusion: number of lags", least=3)
-    lag, square, error = first[MEANS].to_numpy(float).T
+    lag, square, error = first.to_numpy(float).T
     error = np.maximum(error, LEAST_PX2)
-    line = np.linalg.pinv(np.stack([lag / error, 1 / error], axis=1)) / error
-    slope, offset = line @ square
-    short = np.minimum.outer(lag, lag)
-    common = short * (3 * np.outer(lag, lag) - short**2 + 1)  # of pairs of both lags
-    weights = line[0] * error / np.sqrt(common.diagonal())
-    slope_error = np.sqrt(weights @ common @ weights)
-
+    # The line is a sum of the squares; their errors go together, as lags share steps.
+    line = np.polyfit(lag, np.eye(len(lag)), 1, w=1 / error)
+    walk, offset = (line @ square / 4).tolist()
+    walk_error = float(abs(line[0] @ error)) / 4
     exponent = np.nan
-    if slope > 2 * slope_error:
+    if walk > 2 * walk_error:
 
         def missed(power: Array) -> Array:
             return (power[0] * lag ** power[1] + power[2] - square) / error
 
-        start = [slope, 1.0, max(offset, 0.0)]
-        most = [np.inf, 3.0, np.inf]
-        exponent = least_squares(missed, start, bounds=(0.0, most)).x[1]
+        power = least_squares(missed, [walk, 1.0, 0.0], bounds=(0.0, np.inf))
+        exponent = float(power.x[1])
     return Spreading(
-        diffusion=float(slope) / 4,
-        position_error_px2=float(offset) / 4,
-        diffusion_error=float(slope_error) / 4,
-        exponent=float(exponent),
+        diffusion=walk,
+        position_error_px2=offset,
+        diffusion_error=walk_error,
+        exponent=exponent,
     )
 
 
@@ -195,7 +196,7 @@ def speeds(tracks: pd.DataFrame) -> Array:
     tracks
         Columns particle, frame, row, col (px).
     """
-    steps = tracks.sort_values(["particle", "frame"])[PLACE].diff()
+    steps = tracks.sort_values(["particle", "frame"])[TRACKED.names].diff()
     steps = steps[steps["particle"] == 0]
     return np.asarray(np.hypot(steps["row"], steps["col"]) / steps["frame"])
 

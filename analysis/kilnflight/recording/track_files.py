@@ -2,81 +2,86 @@
 
 =========  ==========================================================================
 csv        every column, read and written; also Parquet, by the ending of the file
-challenge  XML of the particle tracking challenge (Chenouard et al. 2014; Icy,
-           TrackMate)
+challenge  XML of the particle tracking challenge (Chenouard et al. 2014; Icy); also
+           the simple XML of tracks of TrackMate
 napari     CSV of a tracks layer: ID, T, (Z,) Y, X
 trackmate  TrackMate's table of spots, CSV
-trackpy    CSV of a trackpy table: (z,) y, x, frame, particle
+trackpy    CSV of a trackpy table: particle, frame, (z,) y, x
+btrack     CSV: ID, t, (z,) y, x
+laptrack   CSV: track_id, frame, (z,) y, x
 =========  ==========================================================================
 
-The last four have the rows in tracks (particle 0 and above), sorted by particle and
+The last six have the rows in tracks (particle 0 and above), sorted by particle and
 frame; ``row`` is y, ``col`` is x, ``plane`` is z. Numbers are written to the last
-digit. A file is there whole or not at all.
+digit. A file is there whole or not at all. `read_table` reads each of them, whatever
+its ending. Lines of numbers without names are MOTChallenge's: frame from 1, id (-1:
+none), left, top, width, height. A box becomes its middle, left + width / 2.
 """
 
 import csv
 import io
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_whole
+from kilnflight.checks import InputError
 from kilnflight.store.cache import write_whole
-from kilnflight.tables import with_pixels
+from kilnflight.tables import FORMATS, in_tracks, with_pixels
 
-ENDINGS = ("", ".csv", ".txt", ".parquet")
-FORMATS = {  # our columns, in the order and with the names of the other program
-    "challenge": {
-        "particle": "particle",
-        "frame": "t",
-        "col": "x",
-        "row": "y",
-        "plane": "z",
-    },
-    "napari": {"particle": "ID", "frame": "T", "plane": "Z", "row": "Y", "col": "X"},
-    "trackmate": {
-        "label": "LABEL",
-        "spot": "ID",
-        "particle": "TRACK_ID",
-        "col": "POSITION_X",
-        "row": "POSITION_Y",
-        "plane": "POSITION_Z",
-        "frame": "FRAME",
-    },
-    "trackpy": {
-        "plane": "z",
-        "row": "y",
-        "col": "x",
-        "frame": "frame",
-        "particle": "particle",
-    },
-}
+ENDINGS = {"csv": ("", ".csv", ".txt", ".parquet"), "challenge": ("", ".xml")}
 # Since TrackMate 7 three lines follow the names: long names, short names, units.
-SPOT_NAMES = "Label,Spot ID,Track ID,X,Y,Z,Frame\n"
-SPOT_LINES = f"{SPOT_NAMES}{SPOT_NAMES},,,(pixel),(pixel),(pixel),\n"
+SPOT_NAMES = "Label,Spot ID,Track ID,Frame,Z,Y,X\n"
+SPOT_LINES = f"{SPOT_NAMES}{SPOT_NAMES},,,,(pixel),(pixel),(pixel)\n"
 
 
 def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
     """Raise an `InputError` unless a table can get this name and is not the source."""
     there = path.parent.is_dir() and not path.match("/dev/*")
-    known = form != "csv" or path.suffix in ENDINGS
+    known = path.suffix in ENDINGS.get(form, ("", ".csv"))
     if not (there and known) or path.resolve() == source.resolve():
         raise InputError(
-            f"{path}: name another table .csv or .parquet, in a folder that exists."
+            f"{path}: name another table .csv (csv: or .parquet; challenge: .xml), in "
+            "a folder that exists."
         )
 
 
-def read_csv(path: Path) -> pd.DataFrame:
+def read_text(path: Path) -> pd.DataFrame:
     """Read a table; each line has as many cells as there are names, each name once."""
     text = path.read_text("utf-8-sig")
+    if text.startswith("<"):
+        return _read_xml(text)
     rows = csv.reader(io.StringIO(text), skipinitialspace=True)
-    names = next(rows, [])
+    names = next(rows, [""])
+    if names[0].isdecimal():
+        return _read_boxes(text)
     widths = {len(row) for row in rows if row}
     if widths - {len(names)} or len({*names}) < len(names) or not text.endswith("\n"):
         raise InputError(
             "a line has other cells than names, a name is twice, or the end is cut."
         )
-    return pd.read_csv(io.StringIO(text), skipinitialspace=True)
+    told = None
+    if "\nLabel,Spot ID," in text:
+        told = [1, 2, 3]  # lines of TrackMate
+    return pd.read_csv(io.StringIO(text), skipinitialspace=True, skiprows=told)
+
+
+def _read_xml(text: str) -> pd.DataFrame:
+    """Return the detections of the challenge's XML."""
+    rows = []
+    for number, track in enumerate(ElementTree.fromstring(text).iter("particle")):
+        rows += [place.attrib | {"particle": number} for place in track]
+    return pd.DataFrame(rows, columns=[*FORMATS["challenge"].values()]).astype(float)
+
+
+def _read_boxes(text: str) -> pd.DataFrame:
+    """Return the middles of MOTChallenge's boxes; number -1 is no track."""
+    cells = np.loadtxt(io.StringIO(text), delimiter=",", usecols=range(6), ndmin=2)
+    cells[:, 0] -= 1
+    cells[:, 2:4] += cells[:, 4:] / 2
+    table = pd.DataFrame(cells[:, :4], columns=["frame", "particle", "col", "row"])
+    return table.replace({"particle": {-1: np.nan}})
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -85,13 +90,13 @@ def read_table(path: Path) -> pd.DataFrame:
     Parameters
     ----------
     path
-        CSV or, by its ending, Parquet.
+        CSV, XML or text; or, by its ending, Parquet.
 
     Returns
     -------
     DataFrame
-        All its columns. Where it has x and y in px and no row and col, as tables of
-        other programs, these are renamed.
+        All its columns. Where it has the names of another program and no row and col,
+        as in `kilnflight.tables.FORMATS`, these are renamed.
 
     Raises
     ------
@@ -107,7 +112,7 @@ def read_table(path: Path) -> pd.DataFrame:
     [7.5, 9.5]
     """
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else read_csv(path)
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else read_text(path)
     except Exception as error:  # libraries raise anything on damaged bytes
         raise InputError(
             f"{path}: cannot be read ({error}). Give frame, row, col."
@@ -161,15 +166,15 @@ def csv_of(table: pd.DataFrame) -> str:
 
 def _exported(table: pd.DataFrame, form: str) -> str:
     """Return the rows in tracks as another program reads them."""
-    check_columns(table, ["frame", "particle", "row", "col"], "tracks")
-    order = ["particle", "frame"]
-    whole = {name: check_whole(table[name], f"tracks: {name}") for name in order}
-    tracks = table.assign(**whole).query("particle >= 0")
-    tracks = tracks.sort_values(order, ignore_index=True)
-    if form in ("challenge", "trackmate"):
-        tracks = tracks.assign(plane=tracks.get("plane", 0.0), spot=tracks.index)
-        tracks["label"] = "ID" + tracks["spot"].astype(str)
+    table = with_pixels(table).reset_index(drop=True)
+    tracks = in_tracks(table, "tracks")
+    if "plane" in table or form in ("challenge", "trackmate"):
+        tracks = tracks.assign(plane=table.get("plane", 0.0))
     columns = FORMATS[form]
+    if form == "trackmate":
+        spot = np.arange(len(tracks))
+        tracks = tracks.assign(label=[f"ID{k}" for k in spot], spot=spot)
+        columns = {"label": "LABEL", "spot": "ID"} | columns
     tracks = tracks.filter([*columns]).rename(columns=columns)
     if form == "challenge":
         return _xml(tracks)

@@ -43,8 +43,9 @@ class TrackScore:
         ``distance`` (Eq. 5.2, summed over frames, in the unit of the gate).
     true_tracks
         One row per true track: ``length`` in frames, ``gain`` (by its partner, in
-        gates), ``tp``, ``fp`` (positions of its partner) and ``paired``. All measures
-        are sums over these rows and those of `false_tracks`.
+        gates), ``tp``, ``fp`` (positions of its partner), ``paired``, and the particles
+        ``truth`` and ``candidate``. All measures are sums over these rows and those of
+        `false_tracks`.
     false_tracks
         One row per candidate without a partner: ``length`` in frames and ``positions``.
 
@@ -154,7 +155,7 @@ def score_tracks(
         raise InputError("score_tracks: truth holds no track, so alpha is 0 / 0.")
     compared = _compare(true, other, gate)
     i, j = _assigned(compared.gain)  # the paired true and candidate tracks
-    by_true = _true_tracks(true, i, j, compared)
+    by_true = _true_tracks(true, other, i, j, compared)
     unpaired = np.setdiff1d(np.arange(len(other)), j)
     sizes = [(other[k].length, len(other[k].frames)) for k in unpaired]
     spurious = pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
@@ -163,6 +164,8 @@ def score_tracks(
     gain = float(compared.gain[i, j].sum())
     # The gain of a pair is what it costs less than the dummy (Eq. 5.2).
     cost = gate * (by_true["length"] - by_true["gain"])
+    pairs = by_true.assign(distance=cost.clip(0))  # against rounding
+    pairs = pairs.loc[pairs["paired"], ["truth", "candidate", "distance"]]
     return TrackScore(
         alpha=gain / length,
         beta=gain / (length + frames),
@@ -172,29 +175,10 @@ def score_tracks(
         tp_tracks=len(i),
         fn_tracks=len(true) - len(i),
         fp_tracks=len(spurious),
-        pairs=_paired(true, other, i, j, cost),
+        pairs=pairs.sort_values("truth", ignore_index=True),
         true_tracks=by_true,
         false_tracks=spurious,
     )
-
-
-def _paired(
-    true: Sequence[Track],
-    other: Sequence[Track],
-    i: Index,
-    j: Index,
-    distance: pd.Series,
-) -> pd.DataFrame:
-    """Return the table ``pairs`` of `TrackScore` for true tracks i and others j.
-
-    ``distance`` is by true track, summed over frames, in the unit of the gate.
-    """
-    pairs = {
-        "truth": np.array([true[k].particle for k in i], np.int64),
-        "candidate": np.array([other[k].particle for k in j], np.int64),
-        "distance": np.maximum(distance.to_numpy()[i], 0.0),  # against rounding
-    }
-    return pd.DataFrame(pairs).sort_values("truth", ignore_index=True)
 
 
 def _assigned(gain: Array) -> tuple[Index, Index]:
@@ -206,17 +190,23 @@ def _assigned(gain: Array) -> tuple[Index, Index]:
 
 
 def _true_tracks(
-    true: Sequence[Track], i: Index, j: Index, compared: Compared
+    true: Sequence[Track],
+    other: Sequence[Track],
+    i: Index,
+    j: Index,
+    compared: Compared,
 ) -> pd.DataFrame:
     """Return the table ``true_tracks`` of `TrackScore` for pairs i, j (k,)."""
     partners = {
+        "candidate": np.array([track.particle for track in other], np.int64)[j],
         "gain": compared.gain[i, j],
         "tp": compared.matched[i, j],
         "fp": compared.false[i, j],
     }
     table = pd.DataFrame(partners, index=i).reindex(range(len(true)), fill_value=0)
     table.insert(0, "length", [track.length for track in true])
-    return table.assign(paired=table.index.isin(i))
+    truth = [track.particle for track in true]
+    return table.assign(paired=table.index.isin(i), truth=truth)
 
 
 class Track(NamedTuple):
