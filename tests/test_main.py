@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 import kilnflight
-from kilnflight.__main__ import COMMANDS, main
+from kilnflight.__main__ import COMMANDS, FORMS, main
 from kilnflight.recording.store import open_recording
 
 TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
@@ -128,7 +128,8 @@ def test_the_version_and_every_command_explain_themselves(capsys):
     assert kilnflight.__version__ in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("form", ["csv", "challenge", "napari", "trackmate", "trackpy"])
+@pytest.mark.filterwarnings("default")  # the command prints them
+@pytest.mark.parametrize("form", FORMS)
 def test_a_flight_is_tracked_in_any_form(form, tmp_path, capsys):
     flight = pd.DataFrame({"x": 40.0, "frame": np.arange(6.0), "y": np.arange(6) * 9.0})
     flight.to_csv(tmp_path / "d.csv", index=False)
@@ -140,7 +141,9 @@ def test_a_flight_is_tracked_in_any_form(form, tmp_path, capsys):
         ["--max-step", "12", "--memory", "2"],
     ):
         main([*command, *extra])
-        assert "1 tracks with 6 of 6 detections" in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert "1 tracks with 6 of 6 detections" in printed
+        assert printed.startswith("warning: 6 particles")
     flight[:0].to_csv(tmp_path / "d.csv", index=False)
     main(command)
     assert "0 tracks with 0 of 0 detections" in capsys.readouterr().out
@@ -152,6 +155,44 @@ def test_a_flight_is_tracked_in_any_form(form, tmp_path, capsys):
         with pytest.raises(SystemExit, match="2"):
             main(command)
         assert named in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("default")
+def test_what_is_done_with_a_depth_is_said(tmp_path, capsys):
+    frame, particle = np.divmod(np.arange(200), 5)
+    table = pd.DataFrame({"frame": frame, "row": 40.0 * particle, "col": 0.5 * frame})
+    deep = table.assign(z=900.0 + particle)
+    for each, named in (
+        (deep, "--post-processing"),
+        (deep.rename(columns={"row": "y", "col": "x"}), "z is not used"),
+        (table, ""),
+    ):
+        each.to_csv(tmp_path / "d.csv", index=False)
+        main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")])
+        printed = capsys.readouterr().out
+        assert "5 tracks with 200 of 200 detections" in printed
+        assert named in printed
+        assert ("warning" in printed) == bool(named)
+
+
+def test_label_pictures_are_tracked(tmp_path, capsys):
+    """Two areas move by 1 px a frame; their labels change, frame 3 is missing."""
+    labels = np.zeros((15, 30, 40), np.uint16)
+    for t in range(15):
+        labels[t, 4:7, t + 2 : t + 6] = 1 + t
+        labels[t, 20:23, t + 5 : t + 8] = 700 - t
+    (tmp_path / "labels").mkdir()
+    for t in set(range(15)) - {3}:
+        tifffile.imwrite(tmp_path / f"labels/{t:03d}.tif", labels[t])
+    main(["track", str(tmp_path / "labels"), str(tmp_path / "t.csv")])
+    assert "2 tracks with 28 of 28 detections" in capsys.readouterr().out
+    found = pd.read_csv(tmp_path / "t.csv").sort_values(["row", "frame"])
+    assert found["frame"].tolist() == 2 * [*range(3), *range(4, 15)]
+    assert found["row"].tolist() == 14 * [5.0] + 14 * [21.0]
+    first = found[found["row"] == 5.0]
+    assert (first["col"] - first["frame"]).eq(3.5).all()
+    tracks = kilnflight.track(labels)
+    assert tracks["particle"].value_counts().tolist() == [15, 15]
 
 
 def test_the_package_itself_loads_nothing():

@@ -11,7 +11,7 @@ from kilnflight import __version__
 
 # The modules of a command are imported when it runs: they take time to load.
 
-FORMS = ("csv", "challenge", "napari", "trackmate", "trackpy")  # files of tracks
+FORMS = ("csv", "trackpy", "trackmate", "napari", "btrack", "laptrack", "challenge")
 # Arguments with a value: its type, its name in the help, and the help.
 VALUES: dict[str, Any] = {
     "recording": (str, "PATH", "film, stack, folder, pattern, array, manifest, Zarr"),
@@ -37,7 +37,7 @@ VALUES: dict[str, Any] = {
     "--in-air-mm": (float, "MM", "from the kiln's axis"),
     "--jobs": (int, "N", "processes side by side (default: 1)"),
     "--scheduler": (str, "ADDRESS", "Dask cluster that detects in their place"),
-    "detections": (Path, "TABLE", "frame, row, col or x, y (px)"),
+    "detections": (Path, "TABLE", "frame, row, col or x, y (px); or label pictures"),
     "tracks": (Path, "FILE", "tracks to write"),
     "scene": (str, "SCENE", "such as confetti-4.5-bar; an unknown name lists all"),
     "folder": (Path, "FOLDER", "folder to write"),
@@ -75,7 +75,7 @@ ARGUMENTS: dict[str, Any] = {
     },
     "--post-processing": {
         "action": argparse.BooleanOptionalAction,
-        "help": "default: with depth",
+        "help": "default: with depth and a lance",
     },
     "--jpda": {
         "action": "store_true",
@@ -222,21 +222,19 @@ def _preview(options: argparse.Namespace) -> None:
 def _track(options: argparse.Namespace) -> None:
     """Link detections to tracks."""
     from kilnflight.association import GNN, JPDA
-    from kilnflight.film.doubts import doubtful_links
     from kilnflight.film.run import track_detections
     from kilnflight.film.spreading import followed
     from kilnflight.recording import track_files
 
     track_files.check_table_target(options.tracks, options.format, options.detections)
-    table = track_files.read_table(options.detections)
     associator = JPDA() if options.jpda else GNN()
-    tracks = track_detections(table, associator, progress=True, **_settings(options))
+    tracks = track_detections(
+        options.detections, associator, progress=True, **_settings(options)
+    )
     track_files.write_table(tracks, options.tracks, options.format)
     linked = followed(tracks)
     share = f"{len(linked)} of {len(tracks)} detections"
     print(f"{linked['particle'].nunique()} tracks with {share}")
-    for doubt in doubtful_links(tracks):
-        print(f"warning: {doubt}")
 
 
 def _run(options: argparse.Namespace) -> None:

@@ -259,13 +259,20 @@ class Chain:
         """Tracks of the detections in the air, post-processed and split.
 
         The table is that of the detections that are not on the wall, and ``particle``:
-        the track (-1: none). Tracks are split at impossible steps.
+        the track (-1: none). Tracks are split at impossible steps. Without
+        post-processing it has the column ``link``, too.
         """
         table = self.detection.detections()
         if self.wall is not None:
             on_wall = self.in_air.on_wall(table[["x", "y", "z"]], self.wall)
             table = table[~on_wall].reset_index(drop=True)
-        done = track(table, self.tracker, self.motion, management=self.management)
+        done = track(
+            table,
+            self.tracker,
+            self.motion,
+            management=self.management,
+            link=not self.post_processing,
+        )
         if self.post_processing:
             return self.cutting(postprocess(done), self.frame_rate_hz)
         return done

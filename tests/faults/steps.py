@@ -102,7 +102,7 @@ STEPS_AND_INPUT = {
     },
     "joint": (joint_probabilities, {"likelihood": RNG.random((4, 5)), "nonassignment": np.ones(4)}, "*:huge"),
     "track": (track, {"detections": TRACKS.drop(columns="particle")}, f"{DEPTH} x:* y:*"),
-    "kilnflight.track": (kilnflight.track, {"detections": TRACKS.drop(columns="particle")}, f"{DEPTH} x:* y:*"),
+    "kilnflight.track": (partial(kilnflight.track, post_processing=False), {"detections": TRACKS.drop(columns="particle")}, f"{DEPTH} x:* y:*"),
     "postprocess": (postprocess, {"tracks": PIXELS}, "frame:below"),
     **{f"step {k}": (each, {"tracks": PIXELS}, "frame:below") for k, each in enumerate(STEPS)},
     "cutting": (Cutting(), {"tracks": TRACKS.drop(columns="points"), "frame_rate_hz": 100.0}, f"{GAPS} frame:below x:missing y:missing z:missing"),
@@ -130,6 +130,7 @@ STEPS_AND_INPUT = {
     "carry": (lambda last: PHASE.carry(Observed(last, SEEN.arrival, {})).last, {"last": SEEN.last}, "*:a+row+twice"),
     "belt tracker": (lambda measured: BeltTracker()(measured).states, {"measured": on_belt()[["frame", "x", "y"]]}, ""),
     "calibrate_camera": (lambda corners: calibrate_camera(BeltCorners(corners, np.ones(4))).matrix, {"corners": CORNERS}, ""),
+    "square_displacements": (kilnflight.square_displacements, {"tracks": PIXELS}, "frame:below"),
     "plot_tracks": (lambda tracks: len(kilnflight.plot_tracks(FILM, tracks).axes[0].lines), {"tracks": PIXELS}, "frame:below"),
     "detect": (kilnflight.detect, {"source": blobs([(30, 40), (60, 90)])[None]}, "source:truths source:huge source:nan"),
 }  # fmt: skip
@@ -151,7 +152,7 @@ def stored(path):
 
 def tracked(path):
     """Return the tracks of a table in a file."""
-    return kilnflight.track(read_table(path))
+    return kilnflight.track(read_table(path), post_processing=False)
 
 
 FILES = {  # file or folder, what makes it, what reads it
@@ -159,4 +160,5 @@ FILES = {  # file or folder, what makes it, what reads it
     "s.zarr": (stored, film),
     "t.csv": (lambda path: write_table(FILE, path), tracked),
     "t.parquet": (lambda path: write_table(FILE, path), tracked),
+    "t.xml": (lambda path: write_table(TRACKS, path, "challenge"), tracked),
 }

@@ -71,7 +71,12 @@ def rates(truth, found):
 def test_particles_of_other_kinds_are_found_or_warned_about(name):
     given, options, least, said = KINDS[name]
     pictures, truth = film(**{"frames": 12, "cells": (3, 4)} | given)
-    recall, precision = rates(truth, kilnflight.detect(pictures, **options))
+    if name in WARNED:
+        with pytest.warns(UserWarning, match=said):
+            found = kilnflight.detect(pictures, **options)
+    else:
+        found = kilnflight.detect(pictures, **options)
+    recall, precision = rates(truth, found)
     assert recall >= least
     assert precision >= least or name in WARNED
     if said or name.endswith("area"):
@@ -135,11 +140,31 @@ def test_a_film_of_0_and_1_is_scaled_and_particles_that_rest_among_others_are_to
 
 
 def test_a_table_in_steps_is_linked_and_keeps_its_numbers(small):
-    table, stepped = small[1], small[1].assign(frame=small[1]["frame"] * 33 + 5)
+    table = small[1][["frame", "row", "col"]]  # of another program
+    stepped = table.assign(frame=table["frame"] * 33 + 5)
     with pytest.warns(UserWarning, match="steps of 33"):
         tracks = kilnflight.track(stepped)
     assert tracks.pop("number").tolist() == stepped["frame"].tolist()
     pd.testing.assert_frame_equal(tracks, kilnflight.track(table))
+
+
+def test_frames_of_a_film_keep_their_numbers(small):
+    """What is detected in every second frame is linked as in a run: by memory alone."""
+    found = small[1][small[1]["frame"] % 2 == 0]
+    tracks = kilnflight.track(found)
+    assert tracks["particle"].value_counts().tolist() == 6 * [6]
+    assert tracks["frame"].tolist() == found["frame"].tolist()
+    with pytest.warns(UserWarning, match="linked"):
+        tracks = kilnflight.track(found, memory=0)
+    assert not tracks["particle"].duplicated().any()
+
+
+def test_doubts_are_said_in_python_as_by_the_command(small):
+    apart = small[1][small[1]["frame"].isin([0, 11])]
+    with pytest.warns(UserWarning, match="0 of 12"):
+        kilnflight.track(apart, memory=0)
+    with pytest.warns(UserWarning, match="3 particles"):
+        kilnflight.track(small[1].head(3))
 
 
 def test_a_run_writes_tables_and_pictures_and_keeps_to_its_options(

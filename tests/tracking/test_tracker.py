@@ -12,6 +12,7 @@ from kilnflight.tracking.filter import (
     ConstantVelocity,
     Detected,
     Gate,
+    Motion,
 )
 from kilnflight.tracking.tracker import Management, choose_owners, track
 
@@ -193,3 +194,49 @@ def test_places_may_be_named_x_and_y():
     result = track(renamed)
     assert list(result) == ["y", "frame", "x", "particle"]
     assert result["particle"].tolist() == track(CROSSING)["particle"].tolist()
+
+
+def linked(places, **options):
+    """Return the tracks of places row, col by frame, with ``link``.
+
+    A track's next position has a variance of 11 px^2: 1 of each measurement, 9 of the
+    velocity.
+    """
+    rows = [(t, *place) for t, found in enumerate(places) for place in found]
+    table = pd.DataFrame(rows, columns=["frame", "row", "col"])
+    motion = Motion((0.0, 0.0), (1.0, 3.0), 1e-9)
+    return track(table, motion=motion, link=True, **options)
+
+
+def test_a_link_is_sure_where_a_particle_is_expected_and_0_at_the_gate():
+    sd = np.sqrt(11)
+    for apart, link in ((0.0, 1.0), (1.0, 0.75), (3.0, 0.25), (3.99, 0.0025)):
+        tracks = linked([[(5, 5)], [(5, 5 + apart * sd)]])
+        assert tracks["particle"].tolist() == [0, 0]
+        assert np.isnan(tracks["link"][0])
+        assert tracks["link"][1] == pytest.approx(link)
+    far = linked([[(5, 5)], [(5, 5 + 4.01 * sd)]])
+    assert far["particle"].tolist() == [0, 1]
+    assert far["link"].isna().all()
+
+
+def test_a_link_of_jpda_is_its_weight():
+    """Two detections at 1 and 2 standard deviations have 0.788 and 0.176 (Eq. 4.10)."""
+    sd = np.sqrt(11)
+    tracks = linked([[(5, 5)], [(5, 5 + sd), (5, 5 - 2 * sd)]], associator=JPDA())
+    assert tracks["particle"].tolist() == [0, 0, -1]
+    assert tracks["link"].round(3).fillna(0).tolist() == [0, 0.788, 0]
+
+
+def test_a_link_is_less_sure_in_a_crowd_and_changes_no_track():
+    rng = np.random.default_rng(0)
+    places = [25 * np.indices((6, 6)).reshape(2, -1).T] * 20
+    apart = [each + rng.normal(0, 0.5, each.shape) for each in places]
+    wander = [each + rng.normal(0, 4.0, each.shape) for each in places]
+    sure, unsure = (linked(each) for each in (apart, wander))
+    assert sure["link"].median() > 0.8 > 0.6 > unsure["link"].median()
+    assert unsure["link"].between(0, 1).sum() == unsure["link"].notna().sum()
+    seen = unsure.drop(columns=["link", "particle"])
+    motion = Motion((0.0, 0.0), (1.0, 3.0), 1e-9)
+    again = track(seen, motion=motion)
+    pd.testing.assert_frame_equal(again, unsure.drop(columns="link"))

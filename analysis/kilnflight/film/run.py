@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from kilnflight import chain, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.chain import CHAIN_STEPS
 from kilnflight.checks import InputError, check_columns, check_whole
-from kilnflight.film.doubts import doubts
+from kilnflight.film.doubts import doubtful_links, doubts
 from kilnflight.film.motion import motion_of
 from kilnflight.film.pictures import pictures, png
 from kilnflight.film.preparation import choose, prepare
@@ -22,7 +23,8 @@ from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording, count_frames
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
-from kilnflight.recording.track_files import csv_of
+from kilnflight.recording.track_files import csv_of, read_table
+from kilnflight.scores.detections import particle_centroids
 from kilnflight.store.cache import clear_parts, locked, write_whole
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity, Motion
@@ -30,6 +32,10 @@ from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
 _GNN = GNN()
+DEPTHS = {  # what is told of a column
+    "z": "z limits links; tracklets are joined only by --post-processing (a lance's)",
+    "plane": "z is not used, only x and y; a depth in mm is z beside row, col",
+}
 ALWAYS = ("detections", "tracks")  # the other tables are written only with rows
 
 
@@ -55,6 +61,11 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     InputError
         If the recording cannot be read, or an option does not fit it.
 
+    Warns
+    -----
+    UserWarning
+        If particles are no round spots, or the picture shakes.
+
     Examples
     --------
     >>> import kilnflight
@@ -63,13 +74,16 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     >>> found.columns[:4].tolist(), found["frame"].nunique()
     (['frame', 'row', 'col', 'radius_px'], 16)
     """
-    run = choose(open_any(source), Options(**options)).run
+    run, _, rows = choose(open_any(source), Options(**options))
+    for what, text in rows:
+        if what == "warning":
+            warnings.warn(text, stacklevel=2)
     seen = run.source.recording()
     return chain.detect_frames(seen, run.frames, run.detector, run.background, progress)
 
 
 def track_detections(
-    detections: pd.DataFrame,
+    detections: Any,
     associator: Associator = _GNN,
     post_processing: bool | None = None,
     max_step: float | None = None,
@@ -81,11 +95,14 @@ def track_detections(
     Parameters
     ----------
     detections
-        Columns frame and row, col or y, x (px); depth z (mm) beside row, col.
+        Columns frame and row, col (px), or those of another program; depth z (mm)
+        beside row, col. Or label pictures, as anything that `kilnflight.open` takes:
+        each whole number is an area, 0 is background.
     associator
         Association of a frame, such as ``kilnflight.JPDA()``.
     post_processing
-        Whether tracklets are joined and filtered. None: where there is depth.
+        Whether tracklets are joined and filtered as in the kiln. None: no, and with
+        depth a warning says so.
     max_step
         Longest step of a particle in px a frame. None: estimated, or, with
         post-processing, that of the kiln.
@@ -99,7 +116,16 @@ def track_detections(
     DataFrame
         The detections with the column ``particle``; -1 means in no track. Columns y and
         x become row and col. Frames in steps are counted from 0, and ``number`` is the
-        one that was given. Post-processing averages positions that tracklets share.
+        one that was given; tables with radius_px keep their numbers. Without
+        post-processing ``link`` says how sure the link to the track is, from 1 to 0:
+        1 minus the distance from where it was expected over the gate, or the weight of
+        `JPDA`. It is empty where a track begins. Post-processing averages positions
+        that tracklets share.
+
+    Warns
+    -----
+    UserWarning
+        If frames are renumbered, z is not used, or links are doubtful.
 
     Raises
     ------
@@ -115,15 +141,17 @@ def track_detections(
     >>> round(kilnflight.score_tracks(truth, tracks, gate=5.0).jsc_theta, 2)
     0.95
     """
-    table = with_pixels(detections)
+    table = _table(detections)
     check_columns(table, ["frame"], "detections")
     frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
-    if step != 1:
+    if step != 1 and "radius_px" not in table:
         told = f"frames go in steps of {step:g}: they are counted from 0"
         warnings.warn(told, stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
-    if post_processing is None:
-        post_processing = "z" in table and bool(table["z"].notna().any())
+    for name, told in DEPTHS.items():
+        varies = name in table and len(table[name].value_counts()) > 1
+        if varies and post_processing is None:
+            warnings.warn(told, stacklevel=2)
     motion: Motion = ConstantVelocity()
     if max_step is not None or not post_processing:
         motion = motion_of(table, max_step)
@@ -133,10 +161,29 @@ def track_detections(
         motion,
         management=Management(invisible=memory),
         progress=progress,
+        link=not post_processing,
     )
+    for doubt in doubtful_links(tracks):
+        warnings.warn(doubt, stacklevel=2)
     if post_processing:
         return postprocess(tracks)
     return tracks
+
+
+def _table(source: Any) -> pd.DataFrame:
+    """Return detections in memory, of a file, or of label pictures: their areas."""
+    if isinstance(source, pd.DataFrame):
+        return with_pixels(source)
+    if getattr(source, "suffix", "") in (".csv", ".txt", ".xml", ".parquet"):
+        return read_table(source)
+    recording = open_any(source)
+    first = recording.frame(0).index
+    parts = []
+    for t in range(len(recording)):
+        frame = recording.frame(t)
+        areas = particle_centroids(frame.gray, np.unique(frame.gray[frame.gray > 0]))
+        parts.append(areas.assign(frame=frame.index - first))
+    return pd.concat(parts, ignore_index=True)
 
 
 def run_recording(

@@ -124,6 +124,7 @@ def track(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
     progress: bool = False,
+    link: bool = False,
 ) -> pd.DataFrame:
     """Return ``detections`` with the column ``particle``, the number of the track.
 
@@ -139,6 +140,10 @@ def track(
         Association of a frame, motion of particles, limits of distance, end of tracks.
     progress
         Whether to show a bar in a terminal.
+    link
+        Whether to add the column ``link``: how sure the link to the track is, from 1 to
+        0. It is 1 minus the Mahalanobis distance over the gate's, or a weight of `PDA`
+        or `JPDA`; NaN where a track begins.
 
     Returns
     -------
@@ -180,6 +185,7 @@ def track(
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
+    links = np.full(len(detections), np.nan)
     shared = list[Shares]()
     bar = tqdm(
         steps(detections, associator, motion, gate, management),
@@ -189,11 +195,19 @@ def track(
         disable=None if progress else True,
     )
     for step in bar:
-        particle[step.detected.rows] = step.particle
+        pairs = step.pairs
+        rows = step.detected.rows
+        particle[rows] = step.particle
+        sure: Any = 1 - np.sqrt(pairs.distance_squared) / gate.distance
         if step.weights.dtype != np.bool_:
             shared.append(_shares(step))
+            sure = step.weights
+        taken = step.owner[pairs.detection] == pairs.track
+        links[rows[pairs.detection[taken]]] = sure[taken]
     if shared:
         detections = _averaged(detections, shared)
+    if link:
+        detections = detections.assign(link=links)
     return detections.assign(particle=particle)
 
 
