@@ -33,7 +33,7 @@ from kilnflight.tracklets import postprocess
 
 _GNN = GNN()
 DEPTHS = {  # what is told of a column
-    "z": "z limits links; tracklets are joined only by --post-processing (a lance's)",
+    "z": "z limits links; for particles from a lance add --post-processing",
     "plane": "z is not used, only x and y; a depth in mm is z beside row, col",
 }
 ALWAYS = ("detections", "tracks")  # the other tables are written only with rows
