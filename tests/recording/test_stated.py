@@ -258,6 +258,15 @@ def test_files_with_pages_are_read_one_after_the_other(tmp_path):
     assert open_any(folder / "a_*.tif").content() != before
 
 
+@pytest.mark.parametrize("name", ["a_0", "a_1"])
+def test_a_damaged_file_among_others_is_named(name, tmp_path):
+    for each in ("a_0", "a_1"):
+        tifffile.imwrite(tmp_path / f"{each}.tif", DEEP, photometric="minisblack")
+    (tmp_path / f"{name}.tif").write_bytes(b"no picture")
+    with pytest.raises(InputError, match=name):
+        open_any(tmp_path)
+
+
 def test_slices_of_one_channel_are_a_film_and_said(tmp_path):
     for write, name in ((imagej, "a.tif"), (ome, "b.ome.tif")):
         write(tmp_path / name, axes="ZYX")

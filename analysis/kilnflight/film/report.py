@@ -114,8 +114,9 @@ def speed(tracks: pd.DataFrame, attributes: Attributes) -> Rows:
         return []
     told = f"{np.median(steps):.3g} px/frame"
     if attributes.timed and attributes.um_per_px:
-        um_s = attributes.um_per_px * attributes.frame_rate_hz * np.median(steps)
-        told += f", {float(f'{um_s:.3g}'):g} um/s"  # 12300, not 1.23e+04
+        per_px = attributes.um_per_px * attributes.frame_rate_hz
+        # 12300, not 1.23e+04
+        told += f", {float(f'{per_px * np.median(steps):.3g}'):g} um/s"
     return [("speed, median", told)]
 
 

@@ -173,6 +173,7 @@ def open_images(
         return stack, range(len(stack)), _stated(path)[0]
     files = number_files(pattern, folder)
     paths = [*files.values()]
+    read_stack(paths[0], key)  # it raises where that file is damaged
     facts, text = _stated(paths[0])
     if paths[-1].name in text:  # a set in OME, which its first file opens
         paths = paths[:1]

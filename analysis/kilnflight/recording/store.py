@@ -291,7 +291,7 @@ def _write(
     for name, rows_of_truth in truth.items():
         (folder / "truth").mkdir(exist_ok=True)
         rows_of_truth.to_parquet(folder / "truth" / f"{name}.parquet")
-    again = (table["picture"].diff() == 0).sum()
+    again = sum(table["picture"].diff() == 0)
     if again:
         group.attrs["notes"] = [
             *recording.attributes.notes,
