@@ -162,3 +162,51 @@ def test_order_numbers_and_unit_do_not_matter(truth, candidate, gate, seed):
         score.beta,
         points(score),
     )
+
+
+HALVES = pd.concat([line(range(5), 7), line(range(5, 10), 8)])  # one track in two
+LATE = pd.concat([line(range(4)), line(range(4, 10), 1, row=30.0)])
+
+
+@pytest.mark.parametrize(
+    ("truth", "candidate", "gate", "hota", "mota"),
+    [
+        (TWO, TWO, 5.0, 1.0, 1.0),
+        (TRUTH, TRUTH.assign(row=45.0), 45.0, 0.0, -1.0),  # all missed, all false
+        (TRUTH, TRUTH[:0], 5.0, 0.0, 0.0),
+        (TRUTH, TRUTH[:4], 5.0, 0.4, 0.4),  # 4 of 10, in one track: root of 0.4 * 0.4
+        (TRUTH, HALVES, 5.0, np.sqrt(0.5), 0.9),  # all found, one switch
+        # after 6 of 10 frames both change their track: 12 * 6 / 14 + 8 * 4 / 16 of 20
+        (TWO, SWAPPED, 2.0, np.sqrt((12 * 6 / 14 + 8 * 4 / 16) / 20), 0.9),
+        (TRUTH, SPURIOUS, 5.0, np.sqrt(10 / 13), 0.7),
+        # each position is 0.7 alike: 14 of 19 thresholds are met
+        (TRUTH, TRUTH.assign(row=3.0), 10.0, 14 / 19, 1.0),
+        # 4 of 10 pairs, 4 in its track; the rest are missed and false
+        (TRUTH, LATE, 5.0, np.sqrt(4 / 16 * 0.4), 1 - 12 / 10),
+    ],
+)
+def test_worlds_with_known_hota_and_mota(truth, candidate, gate, hota, mota):
+    score = score_tracks(truth, candidate, gate)
+    assert (score.hota, score.mota) == pytest.approx((hota, mota))
+
+
+def test_a_pair_stays_while_it_is_near():
+    """Track 1 comes nearer to the particle of track 0, which is still in the gate."""
+    truth = line(range(10), step=0.0)
+    drifts = line(range(10), 0).assign(col=0.3 * np.arange(10))
+    comes = line(range(5, 10), 1, step=0.0)
+    score = score_tracks(truth, pd.concat([drifts, comes]), 4.0)
+    assert score.mota == pytest.approx(1 - 5 / 10)  # five false, no switch
+
+
+@given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.booleans())
+def test_hota_and_mota_are_their_definitions(truth, candidate, gate, bridged):
+    every = ["frame", "particle", "x", "y", "z"]
+    tables = [pd.DataFrame(first, columns=every) for first in (truth, candidate)]
+    # no two pairs are equally good
+    rng = np.random.default_rng(0)
+    tables = [table.assign(x=table["x"] + rng.random(len(table))) for table in tables]
+    score = score_tracks(*tables, gate, columns=every[2:], bridged=bridged)
+    true, candidates = map(track_measures.unfilled, tables)
+    assert score.hota == pytest.approx(track_measures.hota(true, candidates, gate))
+    assert score.mota == pytest.approx(track_measures.mota(true, candidates, gate))

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from kilnflight.arrays import Array, Index, Whole
 from kilnflight.checks import InputError, check_columns, check_finite, check_number
+from kilnflight.scores.identities import identities
 from kilnflight.tables import order_tracks, plain, with_pixels
 
 TIE = 1e-9  # gates; smaller gains over the dummy are rounding: a tie, which is no pair
@@ -48,6 +49,14 @@ class TrackScore:
         `false_tracks`.
     false_tracks
         One row per candidate without a partner: ``length`` in frames and ``positions``.
+    hota
+        Higher order tracking accuracy (Luiten et al., Int. J. Comput. Vis. 129, 2021).
+        Positions are alike by 1 - distance / gate; it is the mean over the thresholds
+        0.05 to 0.95.
+    mota
+        Multiple object tracking accuracy (Bernardin and Stiefelhagen 2008): 1 - (missed
+        + false + switches) / true positions; below 0 where most is wrong. Neither
+        bridges gaps.
 
     Examples
     --------
@@ -69,6 +78,8 @@ class TrackScore:
     pairs: pd.DataFrame
     true_tracks: pd.DataFrame
     false_tracks: pd.DataFrame
+    hota: float = 0.0
+    mota: float = 0.0
 
     @property
     def jsc(self) -> float:
@@ -178,7 +189,17 @@ def score_tracks(
         pairs=pairs.sort_values("truth", ignore_index=True),
         true_tracks=by_true,
         false_tracks=spurious,
+        **_identities(true, other, gate),
     )
+
+
+def _identities(
+    true: Sequence[Track], other: Sequence[Track], gate: float
+) -> dict[str, float]:
+    """Return HOTA and MOTA by name; both are 0 without candidates."""
+    if not other:
+        return {}
+    return identities(_by_frame(true), _by_frame(other), gate)
 
 
 def _assigned(gain: Array) -> tuple[Index, Index]:
