@@ -102,7 +102,11 @@ def number(source: Path) -> str:
 
 def sources_hash() -> str:
     """Return a hash of the package, its fits and the reference data."""
-    files = [*PACKAGE.rglob("*.py"), *paths.reference().rglob("*.csv")]
+    files = [
+        *PACKAGE.rglob("*.py"),
+        *PACKAGE.rglob("*.csv"),
+        *paths.reference().rglob("*.csv"),
+    ]
     files += paths.root().glob("identify/*.py")
     digest = hashlib.sha256()
     for file in sorted(files):

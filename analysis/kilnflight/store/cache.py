@@ -133,10 +133,10 @@ def _imports(text: str) -> set[Path]:
 
 
 def _module(name: str) -> set[Path]:
-    """Return the file of a module of this package by dotted name, or nothing."""
+    """Return the file of a module of this package by dotted name, and its table."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
-    files = {base.with_suffix(".py"), base / "__init__.py"}
+    files = {base / "__init__.py", *map(base.with_suffix, (".py", ".csv"))}
     return {file for file in files if package == PACKAGE.name and file.is_file()}
 
 

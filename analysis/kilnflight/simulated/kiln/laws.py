@@ -16,11 +16,13 @@ without any picture, and rounded by hand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.scores.flights import MARKS_M
@@ -88,6 +90,7 @@ class Law:
     flame_s: float = 0.0
 
 
+# laws.csv has a law a row; data/reference/twin_inputs.csv has the source of each value.
 # ``first`` to ``rise_sd`` were fitted run by run. ``aside_sd`` is 2.5 times the value
 # that gives R2 in x of Table 5.18: "lots of paper shreds touch the side walls" and
 # confetti is "significantly dispersed" (secs 5.2.4 and 5.3.1). ``flutter_m`` of shreds
@@ -95,95 +98,11 @@ class Law:
 # (`kilnflight.experiments.flights.identified`); that of confetti gives RMSE in x and y
 # of Table 5.18. ``ignite`` and ``when`` are printed (sec. 5.3.2); wood and PE never
 # ignite in the air. The rest are assumptions.
-_WOOD = Law(
-    first=14.2,
-    spread=0.04,
-    slope=-1.35,
-    rise=0.47,
-    rise_sd=0.27,
-    aside_sd=1.375,
-    drag_s=0.8,
-)
-_CONFETTI = Law(
-    first=9.4,
-    spread=0.36,
-    slope=-4.3,
-    rise=0.4,
-    rise_sd=1.2,
-    aside_sd=1.5,
-    drag_s=0.2,
-    drag_spread=0.2,
-    flutter_m=0.01,
-    flutter_hz=8.0,
-    ignite=0.26,
-    when=(3.0, 47.0, 30.0, 14.0, 6.0),
-    flame_s=0.15,
-)
-_SHREDS = Law(
-    first=6.2,
-    spread=0.36,
-    slope=-3.6,
-    rise=0.84,
-    rise_sd=0.6,
-    aside_sd=2.25,
-    drag_s=0.2,
-    drag_spread=0.2,
-    flutter_m=0.024,
-    flutter_hz=7.0,
-    ignite=0.71,
-    when=(29.6, 26.0, 21.0, 15.0, 8.4),
-    flame_s=0.3,
-)
-_GRANULES = Law(
-    first=8.45,
-    spread=0.17,
-    slope=-0.45,
-    rise=0.96,
-    rise_sd=0.57,
-    aside_sd=0.875,
-    drag_s=2.0,
-)
+_TABLE = pd.read_csv(Path(__file__).with_name("laws.csv"), keep_default_na=False)
+_TABLE["when"] = [tuple(map(float, text.split())) for text in _TABLE["when"]]
 LAWS = {
-    ("wood chip", 4.5): _WOOD,
-    ("wood chip", 5.0): replace(
-        _WOOD,
-        first=13.4,
-        spread=0.08,
-        slope=-0.7,
-        rise=0.32,
-        rise_sd=1.0,
-    ),
-    ("confetti", 4.5): _CONFETTI,
-    ("confetti", 5.0): replace(
-        _CONFETTI,
-        first=9.3,
-        spread=0.15,
-        slope=-3.8,
-        rise=0.9,
-        rise_sd=1.47,
-        ignite=0.17,
-        when=(0.0, 20.0, 60.0, 15.0, 5.0),
-    ),
-    ("paper shred", 4.5): _SHREDS,
-    ("paper shred", 5.0): replace(
-        _SHREDS,
-        first=6.7,
-        spread=0.375,
-        slope=-3.8,
-        rise=1.37,
-        rise_sd=1.19,
-        ignite=0.4,
-        when=(15.0, 25.0, 28.0, 22.0, 10.0),
-    ),
-    ("PE granule", 4.5): _GRANULES,
-    ("PE granule", 5.0): replace(
-        _GRANULES,
-        first=7.45,
-        spread=0.05,
-        slope=0.76,
-        rise=0.98,
-        rise_sd=0.36,
-    ),
+    (row.pop("fraction"), row.pop("pressure_bar")): Law(**row)
+    for row in _TABLE.to_dict("records")
 }
 
 
