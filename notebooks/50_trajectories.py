@@ -283,8 +283,7 @@ for k, name in enumerate(
         )
     caption = (
         f"Flights of {name} at each pressure: sum of the differences of {pictures} "
-        "neighbouring frames, and trajectories from the lance in all frames; after "
-        f"Fig. A.{k}."
+        f"neighbouring frames, and all trajectories from the lance; after Fig. A.{k}."
     )
     data = flying.loc[
         flying["fraction"] == name, [*KEYS, "particle", "frame", "row", "col"]
