@@ -16,6 +16,10 @@ TRY = (
 )
 FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
 FASTER = "Links are doubtful; record faster, or raise --threshold."
+JUMPED = (
+    "Most tracks begin anew in frame {}: does the picture jump there? Then track what "
+    "is before and after by itself (--frames), or register it first."
+)
 FEW = 10  # detections; with fewer hardly a particle was found
 LANCE = "Is the lance's outlet right (mm, as captured), and the depth_calibration?"
 
@@ -47,6 +51,11 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
         yield f"{len(tracks)} particles were detected. {TRY}"
     elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
         yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
+    ordered = tracks.sort_values("frame")
+    begin = ~ordered.duplicated("particle")
+    share = begin.groupby(ordered["frame"]).mean()[1:]
+    if len(tracks) > FEW * len(share) and share.max() > 0.6 and share.median() < 0.25:
+        yield JUMPED.format(share.idxmax())
     steps = speeds(linked)
     if not len(steps):
         return

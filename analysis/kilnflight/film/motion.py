@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Integers, Single
+from kilnflight.arrays import Array, Integers
 from kilnflight.checks import check_number
 from kilnflight.recording.frames import Recording
 from kilnflight.tracking.filter import ConstantVelocity, Gate, Motion
@@ -210,27 +210,19 @@ def _shares_left(moving: Sequence[Array], every: Sequence[Array]) -> Array:
 
 
 def shaken_px(recording: Recording) -> float:
-    """Return by how many px a still picture moves from frame to frame; 0 without one.
+    """Return by how many px the ground moves from frame to frame; 0 without a texture.
 
-    The middles of frames are registered on their median by phase correlation, without
-    what is wider than some 20 px, as light is. Particles alone are no still picture.
+    What is brighter and darker than its surroundings is registered by phase
+    correlation; a steady drift is no shaking. Particles that move by themselves cover
+    too little to be taken for a ground.
     """
-    count = len(recording)
-    first = range(min(count, 12))
-    rows, cols = recording.attributes.size
-    middle = (_middle(rows), _middle(cols))
-    frames = dict[int, Single]()
-    for t in {*range(0, count, 1 + count // 30), *first}:
-        gray = recording.gray(t)[middle].astype(np.float32)
-        frames[t] = gray - cv2.GaussianBlur(gray, (0, 0), 8.0)
-    still = np.median(list(frames.values()), axis=0)
-    if still.std() <= 0.4 * np.std(frames[0]):
+    frames = []
+    for t in range(min(len(recording), 13)):
+        gray = recording.gray(t).astype(np.float32)
+        frames.append(np.sign(gray - cv2.GaussianBlur(gray, (0, 0), 8.0)))
+    window = cv2.createHanningWindow(frames[0].shape[::-1], 5)
+    found = [cv2.phaseCorrelate(frames[0], each, window) for each in frames[1:]]
+    if np.median([alike for _, alike in found]) < 0.6:
         return 0.0
-    window = cv2.createHanningWindow(still.shape[::-1], 5)
-    found = [cv2.phaseCorrelate(still, frames[t], window)[0] for t in first]
-    return np.median(np.hypot(*np.diff(found, axis=0).T))
-
-
-def _middle(length: int) -> slice:
-    """Return the middle 1,024 px of a side."""
-    return slice(max(length // 2 - 512, 0), length // 2 + 512)
+    steps = np.diff([place for place, _ in found], axis=0)
+    return np.median(np.hypot(*(steps - np.median(steps, axis=0)).T))
