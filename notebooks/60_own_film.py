@@ -68,7 +68,7 @@ if not recording:
 film = kilnflight.open(source)
 
 # %% [markdown]
-# ## Three thresholds
+# ## Five thresholds
 #
 # The threshold is estimated from the noise. A lower one finds more of the background, a
 # higher one loses particles.
@@ -80,9 +80,9 @@ shown = titles.str.extract(
     r"frame (?P<frame>\d+), threshold (?P<threshold>\S+): (?P<detections>\d+)"
 )
 caption = (
-    "Detections in three frames of a film, with half, once and twice the threshold "
-    "that a run takes. Circles have the estimated radius; thresholds are in grey "
-    "values."
+    "Detections in three frames of a film, with half, once, twice, four and eight "
+    "times the threshold that a run takes. Circles have the estimated radius; "
+    "thresholds are in grey values."
 )
 figures.save(
     "own-film-preview", shown, caption=caption, provenance=origin, picture=picture

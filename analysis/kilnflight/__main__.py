@@ -31,7 +31,7 @@ VALUES: dict[str, Any] = {
         "median of the frames around, or none (default: what fits)",
     ),
     "--threshold": (float, "GREY", "default: from the noise"),
-    "--size": (float, "PX", "diameter of the particles, in place of --small"),
+    "--size": (float, "PX", "diameter of the particles (default: of any size)"),
     "--max-step": (float, "PX", "longest step in a frame"),
     "--memory": (int, "N", "frames that a track may miss (default: 5)"),
     "--in-air-mm": (float, "MM", "from the kiln's axis"),
@@ -56,10 +56,6 @@ ARGUMENTS: dict[str, Any] = {
     "--dark": {
         "action": "store_true",
         "help": "particles are darker than the background",
-    },
-    "--small": {
-        "action": "store_true",
-        "help": "search at least at twice the size (default: what finds most)",
     },
     "--roi": {
         "type": int,
@@ -90,7 +86,6 @@ FOUND = (
     "--background",
     "--threshold",
     "--dark",
-    "--small",
     "--size",
     "--roi",
     "--frames",
@@ -207,7 +202,7 @@ def _export(options: argparse.Namespace) -> None:
 
 
 def _preview(options: argparse.Namespace) -> None:
-    """Draw what three thresholds detect."""
+    """Draw what five thresholds detect."""
     from kilnflight.film.pictures import png, preview
     from kilnflight.store.cache import write_whole
 
@@ -216,7 +211,7 @@ def _preview(options: argparse.Namespace) -> None:
     picture = png(preview(recording, **_settings(options)))
     target.parent.mkdir(parents=True, exist_ok=True)
     write_whole(target, picture)
-    print(f"three frames with the detections of three thresholds: {target}")
+    print(f"three frames with the detections of five thresholds: {target}")
 
 
 def _track(options: argparse.Namespace) -> None:

@@ -27,7 +27,7 @@ from kilnflight.recording.frames import Recording
 from kilnflight.tables import in_tracks
 
 PREVIEW_FRAMES = 3
-PREVIEW_STEPS = (0.5, 1.0, 2.0)  # multiples of the threshold
+PREVIEW_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)  # multiples of the threshold
 BARS = {"color": "0.7", "edgecolor": "black"}  # histograms
 
 
@@ -130,9 +130,9 @@ def plot_tracks(source: Any, tracks: pd.DataFrame) -> Figure:
 
 
 def preview(source: Any, **options: Any) -> Figure:
-    """Draw three frames with the detections of three thresholds.
+    """Draw three frames with the detections of five thresholds.
 
-    The thresholds are half, once and twice the one that a run takes.
+    The thresholds are half, once, twice, four and eight times the one that a run takes.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def preview(source: Any, **options: Any) -> Figure:
     >>> import kilnflight
     >>> figure = kilnflight.preview(kilnflight.sample_film().frames, threshold=500)
     >>> len(figure.axes)
-    9
+    15
     """
     recording = open_any(source)
     first = recording.frame(0).index
@@ -161,22 +161,22 @@ def preview(source: Any, **options: Any) -> Figure:
     attributes = recording.attributes
     height_mm = 8.0 + style.PAGE_MM / 3 * attributes.rows / attributes.columns
     figure, grid = style.canvas(
-        rows=len(frames),
-        columns=len(PREVIEW_STEPS),
+        rows=len(PREVIEW_STEPS),
+        columns=len(frames),
         width_mm=style.PAGE_MM,
-        height_mm=5.0 + height_mm * len(frames),
+        height_mm=5.0 + height_mm * len(PREVIEW_STEPS),
     )
     warnings = [text for what, text in rows if what == "warning"]
     figure.suptitle("\n".join(warnings), fontsize=7, color=style.COLOURS[1])
     for k, step in enumerate(PREVIEW_STEPS):
         threshold = step * (known.threshold or 0.0)
         detector = _with_threshold(run.detector, threshold)
-        for axes, (t, view) in zip(grid[:, k], views, strict=True):
+        for axes, (t, view) in zip(grid[k], views, strict=True):
             found = detector(view, seen.attributes.roi)
             style.draw_frame(axes, recording.gray(t), 1)
             style.draw_circles(axes, found.iloc[:, 1:4].to_numpy(), style.COLOURS[1])
             title = f"frame {view.number - first}, threshold {threshold:.3g}"
-            axes.set_title(f"{title}: {len(found)}")
+            axes.set_title(f"{title}: {len(found)}", fontsize=7)
             axes.label_outer()
     return figure
 
