@@ -50,7 +50,7 @@ KINDS = {
     "two frames": ({"frames": 2}, {}, 0.9, "none (only 2"),
     "one frame": ({"frames": 1}, {}, 0.9, "none (only 1"),
     "dark": ({"amplitude": -60}, {"dark": True}, 0.9, ""),
-    "small": ({"size": 0.9}, {"small": True}, 0.9, ""),
+    "small": ({"size": 0.9}, {}, 0.9, "4 times (spots"),
     "three pixels": ({"size": 0.9}, {"size": 3}, 0.9, ""),
 }
 PIXEL = ["row", "col"]

@@ -1,20 +1,35 @@
 """Noise of a picture, for thresholds where no labelled frames exist."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
 from skimage.util import view_as_blocks
 
-from kilnflight.arrays import Integers, Single
+from kilnflight.arrays import Array, Integers, Single
 from kilnflight.detection.sift import LAYERS, SIGMA_PX, DoG, enlarged
 from kilnflight.film.prepared import spread
 from kilnflight.recording.frames import Recording
 
 BLOCK_PX = 32  # side of a block in which noise is measured
-LEAST_NOISE = 0.1  # grey values of the finest layer; made-up pictures have no noise
-MIDDLE_PX = (2048, 3072)  # rows and columns of an enlarged picture that are looked at
+LEAST_THRESHOLD = 0.5  # grey values; made-up pictures have no noise
+PART_PX = (1024, 1536)  # rows and columns of an enlarged picture that are looked at
+WHITE_SHARE = 0.7  # white noise of coarser layers is less, the finest being 1
 PER_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median size
+
+
+def spot_detector(threshold: float, enlarge: int) -> DoG:
+    """Return the detector of a film's spots at so many times its size.
+
+    Four times the size, spots of half a pixel are as wide as the narrowest that are
+    found, if the blur of a camera is not taken off.
+    """
+    blur = DoG.camera_blur
+    if enlarge > 2:
+        blur = 0.0
+    return DoG(threshold, blur, enlarge)
 
 
 def block_noise(foreground: Single, enlarge: int) -> float:
@@ -25,24 +40,38 @@ def block_noise(foreground: Single, enlarge: int) -> float:
     foreground
         (rows, cols).
     enlarge
-        The noise is that of the foreground at so many times its size, as `DoG`
-        enlarges it.
+        The noise is that of the foreground at so many times its size, as
+        `spot_detector` enlarges it.
     """
-    picture = enlarged(foreground, enlarge)
-    blur = min(enlarge * DoG().camera_blur, SIGMA_PX)
-    fine = _blurred(picture, blur, SIGMA_PX)
-    coarse = _blurred(picture, blur, SIGMA_PX * 2 ** (1 / LAYERS))
+    blocks = next(_layers(foreground, enlarge))
+    medians = np.median(np.abs(blocks), axis=(2, 3))
+    return float(np.quantile(medians, 0.9)) * PER_DEVIATION
+
+
+def coarse_noise(foreground: Single, enlarge: int) -> float:
+    """Return the noise of a foreground's noisiest layer of DoG but the finest.
+
+    Parameters are those of `block_noise`; the median over blocks counts. Noise that
+    goes together in neighbouring pixels is largest in one of these five layers.
+    """
+    layers = _layers(foreground, enlarge)
+    return max([np.median(blocks.std(axis=(2, 3))) for blocks in layers][1:])
+
+
+def _layers(foreground: Single, enlarge: int) -> Iterator[Array]:
+    """Yield differences of Gaussians in blocks, (rows, cols, side, side), finest first.
+
+    They are those of two octaves, in the middle of a foreground (rows, cols).
+    """
+    picture = enlarged(middle(foreground, np.array(PART_PX) // enlarge), enlarge)
+    blur = min(enlarge * spot_detector(0.0, enlarge).camera_blur, SIGMA_PX)
+    scales = SIGMA_PX * 2 ** (np.arange(2 * LAYERS + 1) / LAYERS)
+    sigmas = np.sqrt(np.maximum(scales**2 - blur**2, 1e-4))
     rows, cols = picture.shape
-    size = min(BLOCK_PX, rows, cols)
-    response = np.abs(fine - coarse)[: rows // size * size, : cols // size * size]
-    middle = np.median(view_as_blocks(response, (size, size)), axis=(2, 3))
-    return float(np.quantile(middle, 0.9)) * PER_DEVIATION
-
-
-def _blurred(picture: Single, blur: float, scale: float) -> Single:
-    """Return a picture that has a blur, blurred to a scale; both in px."""
-    sigma = np.sqrt(max(scale**2 - blur**2, 1e-4))
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma), np.float32)
+    side = min(BLOCK_PX, rows, cols)
+    for fine, coarse in pairwise(cv2.GaussianBlur(picture, (0, 0), s) for s in sigmas):
+        layer = (fine - coarse)[: rows // side * side, : cols // side * side]
+        yield view_as_blocks(layer, (side, side))
 
 
 def pixel_noise(gray: Integers) -> float:
@@ -51,8 +80,22 @@ def pixel_noise(gray: Integers) -> float:
     return float(np.median(steps)) * PER_DEVIATION / np.sqrt(2)
 
 
-def noise_threshold(foregrounds: Sequence[Single], enlarge: int = 1) -> float:
+def noise_threshold(
+    foregrounds: Sequence[Single],
+    enlarge: int = 1,
+    inverted: Sequence[Single] = (),
+) -> float:
     """Return a threshold of DoG in grey values, five times the noise.
+
+    Parameters
+    ----------
+    foregrounds
+        (rows, cols) each.
+    enlarge
+        As of `spot_detector`.
+    inverted
+        The foregrounds of the inverted frames, which have the noise without particles.
+        Their coarser layers count, too.
 
     Notes
     -----
@@ -64,8 +107,13 @@ def noise_threshold(foregrounds: Sequence[Single], enlarge: int = 1) -> float:
     Five times the noise bounds its false alarms. Flicker of a flame is not noise of a
     pixel; a higher threshold may be better there.
     """
-    noise = [block_noise(middle(each, enlarge), enlarge) for each in foregrounds]
-    return float(f"{5.0 * max(np.median(noise), LEAST_NOISE):.3g}")
+    noise = [block_noise(each, enlarge) for each in foregrounds]
+    coarse = [coarse_noise(each, enlarge) / WHITE_SHARE for each in inverted]
+    times = 5.0
+    if enlarge > 2:  # more places have more chances
+        times = 6.5
+    largest = max(np.median(noise), np.median(coarse or 0.0))
+    return float(f"{max(times * largest, LEAST_THRESHOLD):.3g}")
 
 
 def area_threshold(recording: Recording) -> float:
@@ -75,9 +123,7 @@ def area_threshold(recording: Recording) -> float:
     return float(f"{max(4 * np.median(noise), 1.0):.3g}")
 
 
-def middle(picture: Single, enlarge: int) -> Single:
-    """Return the middle of a picture that is `MIDDLE_PX` at most when enlarged."""
-    rows, cols = (most // enlarge for most in MIDDLE_PX)
-    top = max(picture.shape[0] - rows, 0) // 2
-    left = max(picture.shape[1] - cols, 0) // 2
-    return np.ascontiguousarray(picture[top : top + rows, left : left + cols])
+def middle(picture: Any, most: Any) -> Any:
+    """Return the middle of a picture, ``most`` (rows, cols) of it."""
+    top, left = np.maximum(np.subtract(picture.shape, most), 0) // 2
+    return picture[top : top + most[0], left : left + most[1]]

@@ -24,11 +24,16 @@ from kilnflight.detection.combination import (
 )
 from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
 from kilnflight.film.motion import more_rests, shaken_px
-from kilnflight.film.noise import area_threshold, middle, noise_threshold
+from kilnflight.film.noise import (
+    area_threshold,
+    middle,
+    noise_threshold,
+    spot_detector,
+)
 from kilnflight.film.prepared import Prepared, mean_level, spread
 from kilnflight.film.report import Rows
 from kilnflight.film.settings import BACKGROUNDS, Background, Options
-from kilnflight.recording.files import WHITE
+from kilnflight.recording.files import WHITE, FileRecording
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
@@ -45,11 +50,36 @@ LONG = (
 )
 NO_LANCE = "unknown, so there are no flights; a manifest has lance_mm"
 RESTING = (
-    "{} of {} spots stay in place and count as background; --background none keeps them"
+    "most moves; {} of {} spots stay in place and count as background; --background "
+    "none keeps them"
 )
+COUNTS = (
+    "{}, {}, {} and {} at half, once, twice and four times the threshold (inverted "
+    "film: {}, {}, {} and {})"
+)
+LOOSE = (
+    "Twice the threshold leaves {} of {} spots: it decides what is found. Inverted, "
+    "the film has {}; so many may be noise. Compare `kilnflight preview`."
+)
+DARKER = (
+    "Inverted, the film shows {} spots for {}, and stronger ones: are particles darker "
+    "than the ground? Then --dark; else leave it out."
+)
+LARGE = (
+    "Four times its size would take long, so the film is searched at twice its size. "
+    "--size 3 finds the smaller spots, too."
+)
+STEPS = (0.5, 1.0, 2.0, 4.0)  # multiples of the threshold
+TRIED = 150  # frames at the start, and rows and columns, that settings are tried on
+MIDDLE_PX = (512, 768)
+MOST_PX = 4_200_000  # of a picture that is enlarged four times
+NARROW_PX = 3.2  # radius in an enlarged picture below which some spots are missed
+FEW = 10  # spots that tell nothing
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 LEAST_SHAKEN = 15  # frames and px; in a shorter film slow particles look like shaking
 SHAKEN_PX = 0.5  # above it edges of a textured ground stand out
+
+Told = Iterator[tuple[str, str]]  # what a row is, and its text
 
 
 class Chosen(NamedTuple):
@@ -66,25 +96,33 @@ class Looks:
     Parameters
     ----------
     seen
-        Recording as it is searched.
+        Recording on which settings are tried.
+    inverse
+        Looks of the inverted recording, which has the noise without the particles.
     """
 
-    def __init__(self, seen: Prepared) -> None:
+    def __init__(self, seen: Recording, inverse: "Looks | None" = None) -> None:
         self.seen = seen
+        self.inverse = inverse or Looks(Prepared(seen, dark=True), self)
         self.foregrounds = cache(self._foregrounds)
+        self.threshold = cache(self._threshold)
         self.spots = cache(self._spots)
 
     def _foregrounds(self, background: str) -> list[Single]:
         """Return the foregrounds (rows, cols) in the median's first window."""
-        frames = spread(min(len(self.seen), 150), 5)
+        frames = spread(min(len(self.seen), TRIED), 5)
         views = chain.views(self.seen, frames, BACKGROUNDS[background])
         return [view.foreground for _, view in views]
 
+    def _threshold(self, background: str, enlarge: int) -> float:
+        """Return the threshold of spots in grey values, from the noise."""
+        inverted = self.inverse.foregrounds(background)
+        return noise_threshold(self.foregrounds(background), enlarge, inverted)
+
     def _spots(self, background: str, enlarge: int) -> list[Array]:
-        """Return row, col, radius and strength (n, 4) of the spots in the middle."""
-        foregrounds = self.foregrounds(background)
-        detector = DoG(noise_threshold(foregrounds, enlarge), enlarge=enlarge)
-        return [detector.graded(middle(each, enlarge)) for each in foregrounds]
+        """Return row, col, radius and strength (n, 4) of the spots of each frame."""
+        single = spot_detector(self.threshold(background, enlarge), enlarge)
+        return [single.graded(each) for each in self.foregrounds(background)]
 
     def count(self, background: str, enlarge: int) -> int:
         """Return the number of spots of `spots`."""
@@ -106,11 +144,12 @@ def choose(recording: Recording, options: Options) -> Chosen:
     options.check(recording)
     deep = any(len(recording.frame(t).pixels) for t in spread(len(recording), 5))
     seen = _prepared(recording, options, deep)
-    looks = Looks(seen)
     rows = _given(recording, options, deep)
+    looks = Looks(seen)
+    if not deep:
+        looks = Looks(_tried(seen))
+        rows.append(("tried on", f"the middle {looks.seen.attributes.size} px"))
     background, reason = choose_background(looks, options, deep)
-    if reason == "most moves" and not deep:
-        rows += _resting(looks)
     rows.append(("background", f"{background} ({reason})"))
     if seen.level is not None:
         level = f"every frame brought to a median of {seen.level:g} grey values"
@@ -120,12 +159,16 @@ def choose(recording: Recording, options: Options) -> Chosen:
     if options.size is not None:
         enlarge = _enlarged_for(options.size)
     elif planar:
-        enlarge, reason = choose_enlargement(looks, background, options.small)
+        enlarge, reason = choose_enlargement(looks, background)
         rows.append(("enlarged", reason))
-    if planar:
-        rows += _doubts(looks, background, enlarge)
+        if enlarge > 2 and np.prod(recording.attributes.size) > MOST_PX:
+            enlarge = 2
+            rows.append(("warning", LARGE))
     threshold, reason = choose_threshold(looks, background, enlarge, options, deep)
     rows.append(("threshold", f"{threshold:g} grey values ({reason})"))
+    if planar:
+        rows += _found(looks, background, spot_detector(threshold, enlarge))
+        rows += _doubts(looks, background, enlarge)
     known = replace(options, background=background, threshold=threshold)
     return Chosen(_detection(seen, known, enlarge, deep), known, rows)
 
@@ -139,6 +182,15 @@ def _prepared(recording: Recording, options: Options, deep: bool) -> Prepared:
     if isinstance(recording, StoredRecording):
         content = recording.content()
     return Prepared(recording, content, options.dark, level, options.roi)
+
+
+def _tried(seen: Prepared) -> Recording:
+    """Return the middle of the first frames, for settings to be tried on."""
+    frames = range(min(len(seen), TRIED))
+    images = np.stack([middle(seen.gray(t), MIDDLE_PX).copy() for t in frames])
+    rows, cols = images.shape[1:]
+    known = replace(seen.attributes, rows=rows, columns=cols, roi=None, flame_roi=None)
+    return FileRecording(known, frames, frames, images)
 
 
 def _given(recording: Recording, options: Options, deep: bool) -> Rows:
@@ -167,28 +219,32 @@ def choose_background(
     frames = len(looks.seen)
     if frames < FEW_FRAMES:
         return "none", f"only {frames} frame(s)"
-    if not deep and more_rests(looks.spots("median", 2), looks.spots("none", 2)):
+    if deep:
+        return "median", "as in the thesis"
+    times = 2
+    if looks.count("none", times) < FEW:  # they may be small
+        times = 4
+    if more_rests(looks.spots("median", times), looks.spots("none", times)):
         return "none", "most rests"
+    moving = looks.count("median", times)
+    every = looks.count("none", times)
+    if every > 1.25 * moving + FEW:
+        return "median", RESTING.format(every - moving, every)
     return "median", "most moves"
 
 
-def _resting(looks: Looks) -> Iterator[tuple[str, str]]:
-    """Yield a note if a median takes some resting spots away."""
-    moving = looks.count("median", 2)
-    every = looks.count("none", 2)
-    if every > 1.25 * moving:
-        yield "note", RESTING.format(every - moving, every)
-
-
-def choose_enlargement(looks: Looks, background: str, small: bool) -> tuple[int, str]:
+def choose_enlargement(looks: Looks, background: Background) -> tuple[int, str]:
     """Return at how many times its size a picture shows most spots, and the counts."""
     one, two, four = (looks.count(background, times) for times in (1, 2, 4))
-    if four > 2 * max(one, two):
+    if four > 2 * max(one, two, 1):
         enlarge = 4
-    elif two > 1.4 * one or small:
+    elif not one or two > 1.4 * one:
         enlarge = 2
     else:
         enlarge = 1
+    radius = _median_radius(looks.spots(background, enlarge))
+    if 0 < enlarge * radius < NARROW_PX:
+        enlarge = min(2 * enlarge, 4)
     return enlarge, f"{enlarge} times (spots: {one}, 2 times {two}, 4 times {four})"
 
 
@@ -210,7 +266,7 @@ def choose_threshold(
     if options.detector == "otsu":
         threshold = area_threshold(looks.seen)
     else:
-        threshold = noise_threshold(looks.foregrounds(background), enlarge)
+        threshold = looks.threshold(background, enlarge)
     if not deep:
         return threshold, "from the noise"
     start = _frames(looks.seen, options).start
@@ -229,7 +285,7 @@ def _detection(
 ) -> chain.DetectionRun:
     """Return the detection of a recording with all options known, without a folder."""
     threshold = options.threshold or 0.0
-    single: DoG | Otsu = DoG(threshold, enlarge=enlarge)
+    single: DoG | Otsu = spot_detector(threshold, enlarge)
     if options.detector == "otsu":
         single = Otsu(threshold)
     detector: Combination | Planar = Planar(single, options.size)
@@ -248,8 +304,28 @@ def _detection(
     )
 
 
-def _doubts(looks: Looks, background: str, enlarge: int) -> Iterator[tuple[str, str]]:
-    """Yield warnings on frames that shake and on particles that are no round spots."""
+def _found(looks: Looks, background: Background, single: DoG) -> Told:
+    """Yield the numbers of spots at several thresholds, and what they make doubtful.
+
+    Spots of the inverted frames are noise, or particles that are darker.
+    """
+    levels = single.threshold * np.array(STEPS)
+    lowest = replace(single, threshold=levels[0])
+    counts = []
+    for side in (looks, looks.inverse):
+        graded = [lowest.graded(each)[:, 3] for each in side.foregrounds(background)]
+        counts += [np.sum(np.concatenate(graded) >= level) for level in levels]
+    yield "spots", COUNTS.format(*counts)
+    if counts[1] > FEW and 2 * counts[2] < counts[1]:
+        yield "warning", LOOSE.format(counts[2], counts[1], counts[5])
+
+
+def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
+    """Yield warnings on dark particles, frames that shake and what is no round spot."""
+    sides = (looks, looks.inverse)
+    bright, dark = (np.concatenate(each.spots("none", 2))[:, 3] for each in sides)
+    if len(dark) > FEW and dark.sum() > 2 * bright.sum():
+        yield "warning", DARKER.format(len(dark), len(bright))
     seen = looks.seen
     if min(len(seen), *seen.attributes.size) >= LEAST_SHAKEN:
         shake = shaken_px(seen)
@@ -257,7 +333,7 @@ def _doubts(looks: Looks, background: str, enlarge: int) -> Iterator[tuple[str, 
             yield "warning", SHAKEN.format(shake)
     by_area = Otsu(area_threshold(seen))
     foregrounds = looks.foregrounds(background)
-    area = _median_radius([by_area(middle(each, 2)) for each in foregrounds])
+    area = _median_radius([by_area(each) for each in foregrounds])
     spot = _median_radius(looks.spots(background, enlarge))
     if area > 1.5 * spot:
         yield "warning", LONG.format(area, spot)

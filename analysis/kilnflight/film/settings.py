@@ -31,10 +31,8 @@ class Options(Settings):
         for areas.
     dark
         Whether particles are darker than the background.
-    small
-        Whether pictures are searched at twice their size, for radii from 1.4 px.
     size
-        Diameter of the particles in px; it replaces ``small``.
+        Diameter of the particles in px.
     roi
         First row, row after the last, first column, column after the last.
     frames
@@ -64,7 +62,6 @@ class Options(Settings):
     background: Background | None = None
     threshold: Positive | None = None
     dark: bool = False
-    small: bool = False
     size: Positive | None = None
     roi: tuple[CountFrom0, CountFrom0, CountFrom0, CountFrom0] | None = None
     frames: tuple[CountFrom0, CountFrom0] | None = None
