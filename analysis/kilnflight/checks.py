@@ -249,10 +249,9 @@ def _checked(value: Any, kind: Any, where: str) -> Any:
     if origin is Annotated:
         kind, limits = parts
     if kind in (int, float):
-        *ends, infinite = limits
-        if infinite and value == math.inf:
+        rules = limits._asdict()
+        if rules.pop("infinite") and value == math.inf:
             return value
-        rules = dict(zip(Range._fields, ends, strict=False))
         return check_number(value, where, whole=kind is int, **rules)
     if origin is Literal and value not in parts:
         raise InputError(f"{where}: {value!r} is not {' or '.join(parts)}.")

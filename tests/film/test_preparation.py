@@ -1,6 +1,7 @@
 """Settings that are chosen for a film: background, enlargement, threshold, doubts."""
 
 import re
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -100,7 +101,8 @@ def test_noise_that_goes_together_in_neighbouring_pixels_is_not_detected(
     noise, smooth, recall, precision
 ):
     pictures, truth = moving(25, 1.8, 60.0, noise, smooth)
-    found = matched(truth, kilnflight.detect(pictures))
+    with warnings.catch_warnings(action="ignore"):  # faint spots go at twice
+        found = matched(truth, kilnflight.detect(pictures))
     assert found[0] >= recall
     assert found[1] >= precision
 
@@ -196,8 +198,8 @@ def test_the_frame_in_which_the_picture_jumps_is_named():
     still = kilnflight.track(kilnflight.detect(pictures))
     assert not list(doubtful_links(still))
     jumped = [np.roll(each, 12 * (t >= 9), 0) for t, each in enumerate(pictures)]
-    (doubt,) = doubtful_links(kilnflight.track(kilnflight.detect(jumped)))
-    assert "frame 9:" in doubt
+    with pytest.warns(UserWarning, match="frame 9:"):
+        kilnflight.track(kilnflight.detect(jumped))
 
 
 def test_a_preview_goes_up_to_eight_times_the_threshold():

@@ -33,7 +33,7 @@ from kilnflight.film.noise import (
 from kilnflight.film.prepared import Prepared, mean_level, spread
 from kilnflight.film.report import Rows
 from kilnflight.film.settings import BACKGROUNDS, Background, Options
-from kilnflight.recording.files import WHITE, FileRecording
+from kilnflight.recording.files import WHITE, open_any
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
@@ -187,10 +187,7 @@ def _prepared(recording: Recording, options: Options, deep: bool) -> Prepared:
 def _tried(seen: Prepared) -> Recording:
     """Return the middle of the first frames, for settings to be tried on."""
     frames = range(min(len(seen), TRIED))
-    images = np.stack([middle(seen.gray(t), MIDDLE_PX).copy() for t in frames])
-    rows, cols = images.shape[1:]
-    known = replace(seen.attributes, rows=rows, columns=cols, roi=None, flame_roi=None)
-    return FileRecording(known, frames, frames, images)
+    return open_any(np.stack([middle(seen.gray(t), MIDDLE_PX).copy() for t in frames]))
 
 
 def _given(recording: Recording, options: Options, deep: bool) -> Rows:

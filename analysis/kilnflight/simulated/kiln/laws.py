@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -98,7 +98,7 @@ class Law:
 # (`kilnflight.experiments.flights.identified`); that of confetti gives RMSE in x and y
 # of Table 5.18. ``ignite`` and ``when`` are printed (sec. 5.3.2); wood and PE never
 # ignite in the air. The rest are assumptions.
-_TABLE = pd.read_csv(Path(__file__).with_name("laws.csv"), keep_default_na=False)
+_TABLE: Any = pd.read_csv(Path(__file__).with_name("laws.csv"), keep_default_na=False)
 _TABLE["when"] = [tuple(map(float, text.split())) for text in _TABLE["when"]]
 LAWS = {
     (row.pop("fraction"), row.pop("pressure_bar")): Law(**row)
