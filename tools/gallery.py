@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 from films import KINDS, Film, made
+from PIL import Image
 from schedule import sources_hash
 
 import kilnflight
@@ -73,6 +74,16 @@ def scored(film: Film, tracks: pd.DataFrame) -> dict[str, float]:
     return row
 
 
+def light(picture: bytes) -> bytes:
+    """Return a picture as a page of eight shows it: 800 px wide, of 128 colours."""
+    with Image.open(io.BytesIO(picture)) as image:
+        small = image.convert("RGB")
+    small.thumbnail((800, 800))
+    written = io.BytesIO()
+    small.quantize(128, dither=Image.Dither.NONE).save(written, "PNG", optimize=True)
+    return written.getvalue()
+
+
 def run(name: str, folder: Path) -> dict[str, object]:
     """Run one film, draw its tracks into the folder and return its row."""
     film = made(name)
@@ -84,9 +95,8 @@ def run(name: str, folder: Path) -> dict[str, object]:
         warnings.simplefilter("ignore")  # the page shows what the summary says
         tables = kilnflight.run(film.pictures, f"{place}/results", **film.options)
     tracks = tables["tracks"]
-    write_whole(
-        folder / f"{name}.png", png(kilnflight.plot_tracks(film.pictures, tracks))
-    )
+    picture = kilnflight.plot_tracks(film.pictures, tracks)
+    write_whole(folder / f"{name}.png", light(png(picture)))
     told = tables["summary"]
     said = told.loc[told["what"] == "warning", "value"]
     return {
