@@ -334,3 +334,11 @@ def test_pixels_that_are_masked_are_not_seen_and_other_nan_is_named():
     for wrong in (mask[1:], mask[0], 0 * mask, "no picture"):
         with pytest.raises(InputError, match="mask"):
             open_any(DEEP, mask=wrong)
+
+
+def test_a_rate_of_one_is_another_recording_than_no_rate(tmp_path):
+    np.save(tmp_path / "a.npy", FLAT)
+    unknown, stated = (
+        open_any(tmp_path / "a.npy", **given) for given in ({}, {"frame_rate_hz": 1.0})
+    )
+    assert unknown.content() != stated.content()

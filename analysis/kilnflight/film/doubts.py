@@ -51,6 +51,7 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
         yield f"{len(tracks)} particles were detected. {TRY}"
     elif 2 * len(linked) < len(tracks) and np.ptp(tracks["frame"]):
         yield f"Only {len(linked)} of {len(tracks)} detections are linked. {FOLLOW}"
+    # Shares that were set on simulated films, moving and diffusing ones.
     ordered = tracks.sort_values("frame")
     begin = ~ordered.duplicated("particle")
     share = begin.groupby(ordered["frame"]).mean()[1:]

@@ -16,7 +16,7 @@ from kilnflight.recording.frames import Recording
 BLOCK_PX = 32  # side of a block in which noise is measured
 LEAST_THRESHOLD = 0.5  # grey values; made-up pictures have no noise
 PART_PX = (1024, 1536)  # rows and columns of an enlarged picture that are looked at
-WHITE_SHARE = 0.7  # white noise of coarser layers is less, the finest being 1
+WHITE_SHARE = 0.7  # of the finest layer: white noise of coarser ones is less
 PER_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median size
 
 
@@ -92,7 +92,7 @@ def noise_threshold(
     foregrounds
         (rows, cols) each.
     enlarge
-        As of `spot_detector`.
+        Times its size at which spots are searched, as for `spot_detector`.
     inverted
         The foregrounds of the inverted frames, which have the noise without particles.
         Their coarser layers count, too.
@@ -110,7 +110,7 @@ def noise_threshold(
     noise = [block_noise(each, enlarge) for each in foregrounds]
     coarse = [coarse_noise(each, enlarge) / WHITE_SHARE for each in inverted]
     times = 5.0
-    if enlarge > 2:  # more places have more chances
+    if enlarge > 2:  # more places have more chances; set on empty films
         times = 6.5
     largest = max(np.median(noise), np.median(coarse or 0.0))
     return float(f"{max(times * largest, LEAST_THRESHOLD):.3g}")

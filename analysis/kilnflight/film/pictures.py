@@ -88,9 +88,9 @@ def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
     figure, ((axes,),) = style.canvas(width_mm=120)
     lag, square, error = displacements[SQUARES.names].to_numpy(float).T
     fit = fit_spreading(displacements)
-    told = f"{tracks} track(s), exponent {fit.exponent:.2f}"
+    told = f"{tracks} track(s), exponent {fit.exponent:.2f}".replace("nan", "unknown")
     axes.errorbar(lag, square, error, fmt="o", ms=3, label=told)
-    if abs(fit.exponent - 1) > 0.5:
+    if abs(fit.exponent - 1) > 0.5:  # halfway to 2, that of flight
         axes.set_title("not diffusive: the exponent is not near 1")
     else:
         told = f"D = {fit.diffusion:.3g} ± {fit.diffusion_error:.2g} px²/frame"

@@ -32,7 +32,7 @@ from kilnflight.tracking.tracker import Management
 from kilnflight.tracklets import postprocess
 
 _GNN = GNN()
-DEPTHS = {  # what is told of a column
+DEPTHS = {  # warnings about a column of depth
     "z": "z limits links; for particles from a lance add --post-processing",
     "plane": "z is not used, only x and y; a depth in mm is z beside row, col",
 }

@@ -230,8 +230,10 @@ class FileRecording:
 
         Of files the names, sizes and times count, of arrays in memory the values.
         """
-        tables = [part.table for part in self.parts]
-        stated = f"{self}{self.attributes.um_per_px}{[*self.numbers]}{tables}"
+        stated = (
+            f"{self}{self.attributes.um_per_px}{self.attributes.timed}{[*self.numbers]}"
+            f"{[part.table for part in self.parts]}"
+        )
         digest = hashlib.sha256(stated.encode() + self.seen.tobytes())
         if not hasattr(self.images, "files"):
             for t in range(len(self)):
