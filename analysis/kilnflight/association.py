@@ -24,11 +24,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csgraph, csr_array
 
-from kilnflight.arrays import Array, Flags, Index
+from kilnflight.arrays import Array, ArrayLike, Flags, Index
 from kilnflight.checks import (
     InputError,
     NotNegative,
@@ -311,7 +310,7 @@ def _cheapest(row: Index, column: Index, costs: Array) -> Flags:
 
 
 def joint_probabilities(
-    likelihood: npt.ArrayLike, nonassignment: npt.ArrayLike, most_states: int = 2**25
+    likelihood: ArrayLike, nonassignment: ArrayLike, most_states: int = 2**25
 ) -> Array:
     """Return the probability of each pair, summed over all joint events (Eq. 2.64).
 

@@ -12,9 +12,8 @@ from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, ArrayLike, Index
 from kilnflight.checks import InputError, check_finite
 
 
@@ -55,7 +54,7 @@ class DepthCalibration:
             )
 
     @classmethod
-    def from_table(cls, pairs: npt.ArrayLike) -> Self:
+    def from_table(cls, pairs: ArrayLike) -> Self:
         """Return straight lines between measured depths, extended beyond them.
 
         Parameters
@@ -80,7 +79,7 @@ class DepthCalibration:
         lines = np.column_stack([slopes, table[:-1, 1] - slopes * table[:-1, 0]])
         return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
 
-    def segment(self, captured_mm: npt.ArrayLike) -> Index:
+    def segment(self, captured_mm: ArrayLike) -> Index:
         """Return the segment of each captured depth in mm, in its shape.
 
         Segments are numbered 0, 1, ... by ascending depth.
@@ -92,7 +91,7 @@ class DepthCalibration:
             index += (depth >= point) if left else (depth > point)
         return index
 
-    def __call__(self, captured_mm: npt.ArrayLike) -> Array:
+    def __call__(self, captured_mm: ArrayLike) -> Array:
         """Return the true depth of each captured depth in mm, in its shape."""
         depth = check_finite(captured_mm, "captured depth")
         index = self.segment(depth)
@@ -166,7 +165,7 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
         raise InputError(f"depth_calibration: {stated!r} is not {known}.") from None
 
 
-def calibrate_depth(z: npt.ArrayLike) -> Array:
+def calibrate_depth(z: ArrayLike) -> Array:
     """Return the true depth of captured depths by Eq. 2.4 of the thesis.
 
     Parameters
@@ -210,7 +209,7 @@ def captured_depths(
 
 
 def invert_depth(
-    true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4
+    true_mm: ArrayLike, calibration: DepthCalibration = EQUATION_2_4
 ) -> Array:
     """Return the captured depth of each true depth in mm, in the same shape.
 
@@ -233,7 +232,7 @@ def invert_depth(
 
 
 def calibrate_points(
-    captured_mm: npt.ArrayLike,
+    captured_mm: ArrayLike,
     calibration: DepthCalibration | None,
     where: str = "captured points",
 ) -> Array:

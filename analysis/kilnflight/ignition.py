@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.checks import InputError, Settings, check_finite
 
 SEEN = "seen"
@@ -101,9 +100,9 @@ class Ignition(Settings):
 
     def __call__(
         self,
-        time_s: npt.ArrayLike,
-        gray: npt.ArrayLike,
-        background: npt.ArrayLike | None = None,
+        time_s: ArrayLike,
+        gray: ArrayLike,
+        background: ArrayLike | None = None,
     ) -> IgnitionResult:
         """Return whether and when the grey values of one track rise.
 
@@ -233,7 +232,7 @@ def line_deviation(time: Array, values: Array) -> float:
     return np.abs(rest - np.median(rest)).sum()
 
 
-def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
+def _course(time_s: ArrayLike, gray: ArrayLike) -> tuple[Array, Array]:
     """Return the times (n,) and grey values (n,), checked."""
     time = check_finite(time_s, "Ignition: time_s", (None,))
     values = check_finite(gray, "Ignition: gray", (None,))

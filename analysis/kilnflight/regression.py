@@ -13,12 +13,11 @@ from itertools import zip_longest
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.checks import (
     InputError,
     Range,
@@ -131,17 +130,17 @@ class Fit:
     r2: Three = UNKNOWN
     r2_adjusted: Three = UNKNOWN
 
-    def __call__(self, time_s: npt.ArrayLike) -> Array:
+    def __call__(self, time_s: ArrayLike) -> Array:
         """Return positions (n, 3) in mm at times (n,) or one time, in s."""
         factors = [(0.0, *axis) for axis in self.coefficients]
         return self._sums(factors, time_s) + self.exit_point_mm
 
-    def velocity(self, time_s: npt.ArrayLike) -> Array:
+    def velocity(self, time_s: ArrayLike) -> Array:
         """Return velocities (n, 3) in mm/s at times (n,) or one time, in s."""
         rates = [[k * c for k, c in enumerate(axis, 1)] for axis in self.coefficients]
         return self._sums(rates, time_s)
 
-    def _sums(self, factors: Sequence[Sequence[float]], time_s: npt.ArrayLike) -> Array:
+    def _sums(self, factors: Sequence[Sequence[float]], time_s: ArrayLike) -> Array:
         """Return sums (n, 3) of factors times ascending powers of t - t0, from power 0.
 
         ``factors`` holds one sequence per axis; ``time_s`` (n,) or one number is in s.
@@ -462,7 +461,7 @@ def fit_measures(places: Array, fitted: Array, order: int) -> Array:
 
 def regress(
     track: pd.DataFrame,
-    exit_point: npt.ArrayLike,
+    exit_point: ArrayLike,
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
 ) -> Fit:
@@ -511,7 +510,7 @@ def regress(
 
 def regress_all(
     tracks: pd.DataFrame,
-    exit_point: npt.ArrayLike,
+    exit_point: ArrayLike,
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
 ) -> pd.DataFrame:

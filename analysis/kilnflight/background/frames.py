@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from kilnflight.arrays import Anything
 from kilnflight.checks import InputError, check_finite, real_numbers
 
 GRAY_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
@@ -82,7 +82,7 @@ class HeldFrames:
         self.kind: np.dtype[Any] = np.dtype(np.uint16)
         self._frames = frames
         self._capacity = capacity
-        self._images: dict[int, npt.NDArray[Any]] = {}  # key: frame number
+        self._images: dict[int, Anything] = {}  # key: frame number
 
     @property
     def precise(self) -> np.dtype[Any]:
@@ -100,11 +100,11 @@ class HeldFrames:
                     del self._images[max(others, key=lambda t: max(low - t, t - high))]
                 self._images[index] = self._read(index)
 
-    def __getitem__(self, index: int) -> npt.NDArray[Any]:
+    def __getitem__(self, index: int) -> Anything:
         """Return a held frame, (rows, cols)."""
         return self._images[index]
 
-    def _read(self, index: int) -> npt.NDArray[Any]:
+    def _read(self, index: int) -> Anything:
         """Return a frame (rows, cols), checked, in the machine's byte order."""
         image = real_numbers(self._frames[index], f"frame {index}")
         kind = image.dtype.newbyteorder("=")

@@ -8,13 +8,12 @@ foreground.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.arrays import Single
+from kilnflight.arrays import Anything, Single
 from kilnflight.background.frames import Frames, HeldFrames, check_indices, surrounding
 from kilnflight.background.sliding_median import (
     MEDIAN_CHUNK,
@@ -28,8 +27,6 @@ from kilnflight.checks import (
     Settings,
     Share,
 )
-
-_Image = npt.NDArray[Any]
 
 
 def _partner(index: int, step: int, length: int) -> int:
@@ -59,7 +56,7 @@ class Subtraction(Settings):
 
     absolute: bool = field(default=False, kw_only=True)
 
-    def _difference(self, frame: _Image, background: _Image) -> Single:
+    def _difference(self, frame: Anything, background: Anything) -> Single:
         """Return the difference of two images (rows, cols), float32."""
         kind = np.result_type(frame, background, np.float32)  # exact for both
         apart = np.subtract(frame, background, dtype=kind)
@@ -168,7 +165,7 @@ class WindowModel(Subtraction, ABC):
         held, backgrounds = self._prepared(frames, indices)
         return (self._difference(held[t], image) for t, image in backgrounds)
 
-    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
+    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Anything]:
         """Yield the background (rows, cols) of each requested frame, as in Fig. 5.2."""
         return (image.copy() for _, image in self._prepared(frames, indices)[1])
 
@@ -215,7 +212,7 @@ class Mean(WindowModel):
         return ((t, _mean(held, t, self.window)) for t in indices)
 
 
-def _mean(held: HeldFrames, t: int, window: int) -> _Image:
+def _mean(held: HeldFrames, t: int, window: int) -> Anything:
     """Return the mean (rows, cols) of the frames around frame t, without itself.
 
     It is the background of `Mean`, and B_0 of `Adaptive` (Eq. 2.7).
@@ -294,7 +291,7 @@ class Adaptive(WindowModel):
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
         return ((t, self._learn(held, t, _mean(held, t, self.window))) for t in indices)
 
-    def _learn(self, held: HeldFrames, t: int, mean: _Image) -> _Image:
+    def _learn(self, held: HeldFrames, t: int, mean: Anything) -> Anything:
         """Return the background (rows, cols) by Eq. 2.8 over frame t and those before.
 
         ``mean`` (rows, cols) is the background of the start, Eq. 2.7.
@@ -359,7 +356,7 @@ class RunningGaussian(WindowModel):
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
         return ((t, self._average(held, t)[0]) for t in indices)
 
-    def _average(self, held: HeldFrames, t: int) -> tuple[_Image, Single]:
+    def _average(self, held: HeldFrames, t: int) -> tuple[Anything, Single]:
         """Return mean and foreground (rows, cols) of frame t by Eqs 2.9 and 2.10."""
         first, *past = range(max(t - self.window + 1, 0), t + 1)
         held.fetch(range(first, t + 1))

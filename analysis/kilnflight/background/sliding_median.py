@@ -19,10 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from kilnflight.arrays import Anything
 from kilnflight.background.frames import HeldFrames, surrounding
 
 # Frame numbers and images (rows, cols).
-Backgrounds = Iterator[tuple[int, npt.NDArray[Any]]]
+Backgrounds = Iterator[tuple[int, Anything]]
 # Frames. A pixel and window takes 52 comparisons, 67 with chunks of 32; the slots of 96
 # exceed the cache.
 MEDIAN_CHUNK = 64
@@ -299,14 +300,14 @@ def window_medians(
             yield index, background.reshape(held.shape)
 
 
-def _scratch(rows: int, kind: np.dtype[Any]) -> npt.NDArray[Any]:
+def _scratch(rows: int, kind: np.dtype[Any]) -> Anything:
     """Return scratch memory (rows, `_TILE`) that begins at a multiple of `_LINE`."""
     memory = np.zeros(rows * _TILE + _LINE, kind)
     start = -memory.ctypes.data % _LINE // memory.itemsize
     return memory[start : start + rows * _TILE].reshape(rows, _TILE)
 
 
-def stack_median(frames: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+def stack_median(frames: Sequence[Anything]) -> Anything:
     """Return the median (rows, cols) of frames, each (rows, cols) of one type.
 
     It is ten times as fast as `numpy.median`.

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, Flags, Integers
+from kilnflight.arrays import Array, ArrayLike, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
 from kilnflight.checks import Count, NotNegative, Number, Positive, Settings
 
@@ -135,7 +134,7 @@ class ValveBar(Settings):
         # All windows are equally long, so the last of those merged closes last.
         return valve[first], opens[first], closes[np.roll(first, -1)]
 
-    def are_apart(self, close_s: npt.ArrayLike, open_s: npt.ArrayLike) -> Flags:
+    def are_apart(self, close_s: ArrayLike, open_s: ArrayLike) -> Flags:
         """Return whether a valve may close at ``close_s`` and open again at ``open_s``.
 
         Both are times of commands in s, of one shape.

@@ -27,9 +27,7 @@ their first point (`DBSCAN`: first core point, as scikit-learn does).
 
 from collections.abc import Callable
 
-import numpy.typing as npt
-
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, ArrayLike, Index
 from kilnflight.detection.dbscan import DBSCAN as DBSCAN
 from kilnflight.detection.dbscan import k_distances as k_distances
 from kilnflight.detection.morphology import (
@@ -42,7 +40,7 @@ from kilnflight.detection.quasi_centers import (
 from kilnflight.detection.sift import DoG as DoG
 from kilnflight.detection.sift import Polygon as Polygon
 
-Clusterer = Callable[[npt.ArrayLike], Index]
+Clusterer = Callable[[ArrayLike], Index]
 # Takes a foreground and, if not all of it is searched, a polygon; returns row, col and
 # radius (n, 3) in px.
 Detector2D = Callable[..., Array]

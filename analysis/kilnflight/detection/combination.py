@@ -28,13 +28,12 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Index, Integers, Single
+from kilnflight.arrays import Anything, Array, Index, Integers, Single
 from kilnflight.checks import Positive, Settings
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
@@ -102,7 +101,7 @@ def centers(clusters: Clusters) -> Array:
     return sums / np.diff(clusters.start)[:, None]
 
 
-def take_clusters(clusters: Clusters, which: npt.NDArray[np.generic]) -> Clusters:
+def take_clusters(clusters: Clusters, which: Anything) -> Clusters:
     """Return the clusters chosen by indices (k,), in that order, or by a mask."""
     first = clusters.start[:-1][which]
     sizes = np.diff(clusters.start)[which]
@@ -198,7 +197,7 @@ def overlap(disc: Array, areas: Index, shape: tuple[int, ...]) -> Index:
     return around(np.stack([row, col], axis=1)[shared])
 
 
-def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
+def mean_gray(gray: Anything, discs: Array) -> Array:
     """Return the mean grey value (n,) within each disc.
 
     ``gray`` is (rows, cols), ``discs`` (n, 3) are row, column and radius in px. A disc

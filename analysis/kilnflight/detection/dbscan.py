@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
-from kilnflight.arrays import Array, Flags, Index, Whole
+from kilnflight.arrays import Array, ArrayLike, Flags, Index, Whole
 from kilnflight.checks import (
     Count,
     InputError,
@@ -81,7 +80,7 @@ class DBSCAN(Settings):
     eps: Positive = 50.0  # mm, best F1 of Table 5.8
     min_points: Count = 10  # points, best F1 of Table 5.8
 
-    def __call__(self, points: npt.ArrayLike) -> Index:
+    def __call__(self, points: ArrayLike) -> Index:
         """Return the cluster of each of (n, 3) points in mm; noise is -1.
 
         Clusters are numbered in the order of their first core point.
@@ -113,7 +112,7 @@ class DBSCAN(Settings):
         return labels
 
 
-def k_distances(points: npt.ArrayLike, k: int = 6) -> Array:
+def k_distances(points: ArrayLike, k: int = 6) -> Array:
     """Return the distances of all points to their k-th neighbours in mm, descending.
 
     Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from kilnflight.arrays import Index
+from kilnflight.arrays import ArrayLike, Index, Whole
 from kilnflight.checks import Range, Settings, check_finite
 
 # Cells up to so many steps apart share a cluster: both are dilated by one, and may
@@ -59,7 +58,7 @@ class MorphologicalClustering(Settings):
 
     grid: Annotated[int, Range(least=1, most=1e6)] = 150  # steps, best F1 of Table 5.9
 
-    def __call__(self, points: npt.ArrayLike) -> Index:
+    def __call__(self, points: ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm.
 
         Clusters are numbered in the order of their first point.
@@ -85,7 +84,7 @@ class MorphologicalClustering(Settings):
         return pd.factorize(_joined(occupied, side)[cell])[0]
 
 
-def _joined(keys: npt.NDArray[np.int64], side: int) -> Index:
+def _joined(keys: Whole, side: int) -> Index:
     """Return the cluster (m,) of each occupied cell.
 
     ``keys`` (m,) are the numbers of the cells, ascending: x side^2 + y side + z.

@@ -4,13 +4,11 @@ Section 2.2.2, chapter 3.1 and Fig. 3.4 of the thesis.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.arrays import Array, Flags, Integers
+from kilnflight.arrays import Anything, Array, ArrayLike, Flags, Integers
 from kilnflight.checks import (
     InputError,
     NotNegative,
@@ -26,7 +24,7 @@ _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
 SMALLEST_PX = 5
 
 
-def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
+def check_foreground(foreground: ArrayLike, where: str) -> Anything:
     """Return the foreground (rows, cols) in the machine's byte order.
 
     Half floats become float32, other types stay. ``where`` begins the error's message.
@@ -56,7 +54,7 @@ def check_foreground(foreground: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     return image
 
 
-def otsu_threshold(values: npt.ArrayLike) -> int:
+def otsu_threshold(values: ArrayLike) -> int:
     """Return the grey level with the largest variance between classes (Eq. 2.19).
 
     Values above it are foreground, values up to it background (Eqs 2.11 and 2.12).
@@ -103,7 +101,7 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
     return low + int(np.argmax(_criterion(counts)))
 
 
-def _rounded(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _rounded(image: Anything) -> Anything:
     """Return grey values as whole numbers; halves go to the even one."""
     if image.dtype.kind == "f":
         return np.rint(image)
@@ -151,7 +149,7 @@ class Otsu(Settings):
 
     least: NotNegative = 0.0
 
-    def __call__(self, foreground: npt.ArrayLike, within: object = None) -> Array:
+    def __call__(self, foreground: ArrayLike, within: object = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
 
         Parameters

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from numba import njit, types
 from numba.typed import Dict
 from scipy.spatial import cKDTree
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, ArrayLike, Index, Integers
 from kilnflight.checks import Count, NotNegative, Settings, check_finite
 from kilnflight.detection.dbscan import NOISE
 from kilnflight.detection.disjoint import find_root, unite
@@ -71,7 +70,7 @@ class QuasiClusterCenters(Settings):
     k: Count = 35  # points, best F1 of Table 5.10 by its own counts
     alpha: NotNegative = 0.1  # share of k, best F1 of Table 5.10
 
-    def __call__(self, points: npt.ArrayLike) -> Index:
+    def __call__(self, points: ArrayLike) -> Index:
         """Return the cluster of each point (n, 3) in mm; noise is -1.
 
         Clusters are numbered in the order of their first point.
@@ -84,7 +83,7 @@ class QuasiClusterCenters(Settings):
         cloud = check_finite(points, "QuasiClusterCenters: points", (None, 3))
         return self.spread(cloud, nearest_neighbors(cloud, int(self.k)))
 
-    def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> Index:
+    def spread(self, cloud: Array, nearest: Integers) -> Index:
         """Return the cluster (n,) of each point of a cloud (n, 3) in mm; noise is -1.
 
         ``nearest`` (n, at least k) is from `nearest_neighbors`; its first ``k`` columns
@@ -118,7 +117,7 @@ class QuasiClusterCenters(Settings):
         return labels
 
 
-def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
+def nearest_neighbors(cloud: Array, k: int) -> Integers:
     """Return the indices (n, k) of each point's nearest points, the nearest first.
 
     The cloud is (n, 3) in mm; there are n - 1 columns if that is fewer. No point is its

@@ -2,13 +2,12 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from kilnflight.arrays import Flags
+from kilnflight.arrays import ArrayLike, Flags
 from kilnflight.checks import InputError, check_finite, check_shape
 
 
-def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> Flags:
+def inside(polygon: ArrayLike, row: ArrayLike, col: ArrayLike) -> Flags:
     """Return whether each pixel lies in a polygon, such as the region of interest.
 
     The result has the shape of ``row`` and ``col``; one of them may be a number.

@@ -12,10 +12,9 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Flags, Single
+from kilnflight.arrays import Array, ArrayLike, Flags, Single
 from kilnflight.checks import NotNegative, Range, Settings
 from kilnflight.detection.otsu import check_foreground
 
@@ -122,9 +121,7 @@ class DoG(Settings):
     enlarge: Annotated[int, Range(least=1, most=4)] = 1
     edge: Annotated[float, Range(least=1)] = 10.0  # Lowe 2004, section 4.1
 
-    def __call__(
-        self, foreground: npt.ArrayLike, within: Polygon | None = None
-    ) -> Array:
+    def __call__(self, foreground: ArrayLike, within: Polygon | None = None) -> Array:
         """Return row, col and radius (n, 3) in px of each particle.
 
         Parameters
@@ -150,7 +147,7 @@ class DoG(Settings):
         """
         return self.graded(foreground, within)[:, :3]
 
-    def graded(self, foreground: npt.ArrayLike, within: Polygon | None = None) -> Array:
+    def graded(self, foreground: ArrayLike, within: Polygon | None = None) -> Array:
         """Return row, col, radius and largest threshold (n, 4) of each particle.
 
         Lengths are in px, thresholds in grey values. A particle is found at every

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from kilnflight.arrays import Array, Flags
+from kilnflight.arrays import Array, ArrayLike, Flags
 from kilnflight.checks import (
     CountFrom0,
     InputError,
@@ -78,9 +77,7 @@ class Cylinder(Settings):
     rms_mm: NotNegative | None = None
 
 
-def fit_cylinder(
-    points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0
-) -> Cylinder:
+def fit_cylinder(points_mm: ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
     """Fit a cylinder along z to the wall's cluster by MLESAC (section 3.2).
 
     Parameters
@@ -145,7 +142,7 @@ def fit_cylinder(
     )
 
 
-def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
+def distance_to_axis(points_mm: ArrayLike, cylinder: Cylinder) -> Array:
     """Return the distance (n,) in mm of points (n, 3) from the axis.
 
     Examples
@@ -163,7 +160,7 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     return _residuals(points, np.asarray(cylinder.centre_mm), direction / length, 0.0)
 
 
-def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
+def crossing(in_air_mm: ArrayLike, wall_mm: ArrayLike) -> float:
     """Return the distance in mm at which the Gaussians of two sets cross.
 
     It is the threshold between particles in the air and on the wall (section 3.2, Fig.
@@ -233,7 +230,7 @@ class InAir(Settings):
 
     threshold_mm: Positive = 800.0
 
-    def __call__(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
+    def __call__(self, points_mm: ArrayLike, cylinder: Cylinder) -> Flags:
         """Return whether each point (n, 3), in mm, is within the threshold, (n,).
 
         A row of three NaN is a detection without 3D. The thesis classifies "only
@@ -241,12 +238,12 @@ class InAir(Settings):
         """
         return _known_distance(points_mm, cylinder) <= self.threshold_mm
 
-    def on_wall(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> Flags:
+    def on_wall(self, points_mm: ArrayLike, cylinder: Cylinder) -> Flags:
         """Return whether each point (n, 3), in mm, is beyond the threshold, (n,)."""
         return _known_distance(points_mm, cylinder) > self.threshold_mm
 
 
-def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
+def _known_distance(points_mm: ArrayLike, cylinder: Cylinder) -> Array:
     """Return the distance (n,) in mm of points (n, 3) from the axis; NaN if unknown."""
     points = check_finite(points_mm, "InAir: points_mm", (None, 3), gaps=True)
     known = ~np.isnan(points).all(axis=1)

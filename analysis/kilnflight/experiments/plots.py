@@ -6,12 +6,11 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.experiments.flights.campaigns import CampaignKey
 from kilnflight.experiments.flights.comparison import Values
 from kilnflight.publication.style import (
@@ -358,7 +357,7 @@ def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([places, empty]).sort_values(order, ignore_index=True)
 
 
-def upright(places_mm: npt.ArrayLike) -> Array:
+def upright(places_mm: ArrayLike) -> Array:
     """Return depth z, across x and up y in m, (3, n), of camera places (n, 3) in mm.
 
     Pictures in space draw depth along their first axis. The y of the camera points up,
@@ -392,7 +391,7 @@ def label_pixels(axes: Axes) -> None:
     axes.invert_yaxis()
 
 
-def draw_places(axes: Axes, places: npt.ArrayLike, look: str, **line: Any) -> None:
+def draw_places(axes: Axes, places: ArrayLike, look: str, **line: Any) -> None:
     """Draw places (n, 2), row and col in px, with a format such as "ow" or "k-"."""
     row, col = np.asarray(places).T
     axes.plot(col, row, look, mec="black", mew=0.6, **line)

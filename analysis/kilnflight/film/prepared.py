@@ -1,11 +1,10 @@
 """A recording as it is searched, changed frame by frame when it is read."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from kilnflight.arrays import Anything
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording
 
@@ -85,7 +84,7 @@ def mean_level(recording: Recording) -> float | None:
     return None
 
 
-def level_of(gray: npt.NDArray[Any]) -> float:
+def level_of(gray: Anything) -> float:
     """Return the median grey value of every fourth pixel of every fourth row."""
     return float(np.median(gray[::4, ::4]))
 

@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.checks import InputError, Positive, Settings
 from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
 from kilnflight.regression import Fit
@@ -79,7 +78,7 @@ def starts_at_lance(places_mm: Array, fit: Fit) -> tuple[bool, float]:
     return bool(near and fit.t0_at_bound >= 0 and forwards), distance
 
 
-def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
+def straight_on(fit: Fit, time_s: ArrayLike) -> Array:
     """Return positions (n, 3) in mm, on a straight line after the last detection.
 
     ``time_s`` (n,) or one number is on the fit's clock. Polynomials diverge quickly
@@ -113,7 +112,7 @@ def landing_s(fit: Fit, wall: Cylinder, in_air: InAir) -> float | None:
     the limit.
     """
 
-    def outside(t: npt.ArrayLike) -> Array:
+    def outside(t: ArrayLike) -> Array:
         """Return how far (n,) in mm the fit is beyond the limit at t (n,) in s."""
         return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
 

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import ArrayLike
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, landing_s, starts_at_lance
@@ -68,7 +68,7 @@ class FieldOfView(NamedTuple):
         Frames that were searched for particles.
     """
 
-    roi: npt.ArrayLike | None = None
+    roi: ArrayLike | None = None
     frames: range = range(int(LARGEST_WHOLE))
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from cycler import cycler
 from matplotlib.axes import Axes
@@ -16,6 +15,8 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle
+
+from kilnflight.arrays import Anything, Array
 
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
@@ -130,7 +131,7 @@ def mark(picture: Figure, word: str) -> Figure:
     return picture
 
 
-def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
+def draw_frame(axes: Axes, gray: Anything, step: int = 2) -> None:
     """Draw the root of a camera frame's grey values, axes in px of the frame.
 
     The root makes dark parts visible.
@@ -153,7 +154,7 @@ def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None
     axes.set(xlabel="column (px)", ylabel="row (px)")
 
 
-def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
+def draw_circles(axes: Axes, spots: Array, color: str) -> None:
     """Draw spots (n, 3) with row, col and radius in px as circles of that radius."""
     patches = [Circle((col, row), radius) for row, col, radius in spots]
     axes.add_collection(

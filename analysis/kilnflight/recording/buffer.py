@@ -4,9 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-import numpy.typing as npt
-
+from kilnflight.arrays import Gray
 from kilnflight.recording.frames import Frame, Recording
 
 
@@ -33,7 +31,7 @@ class FrameBuffer:
         """Return the number of frames."""
         return len(self._recording)
 
-    def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
+    def __getitem__(self, t: int) -> Gray:
         """Return the grey values (rows, cols) of frame ``t``."""
         if self._uses[t]:
             view = self._fetch(t).gray.view()

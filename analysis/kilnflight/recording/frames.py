@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, Picture, Single
+from kilnflight.arrays import Array, ArrayLike, Gray, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import (
     LARGEST_WHOLE,
@@ -31,8 +31,6 @@ LABELS = (
     "non-burning in air",
     "burning on the wall",
 )
-
-Gray = npt.NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +276,7 @@ def calibrated_cloud(recording: Recording, t: int) -> Array:
     )
 
 
-def count_frames(numbers: npt.ArrayLike) -> tuple[list[int], float]:
+def count_frames(numbers: ArrayLike) -> tuple[list[int], float]:
     """Return a frame for each number, and the step of the numbers.
 
     Steps of 10, or of time, become steps of 1 from 0. With any step of 1 the numbers

@@ -15,12 +15,12 @@ from typing import Any
 import cv2
 import h5py
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import scipy.io
 import tifffile
 from PIL import Image
 
+from kilnflight.arrays import Anything
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import count_frames
 
@@ -43,7 +43,6 @@ ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
 UNITS = {"nm": 1e-3, "um": 1.0, "micron": 1.0, "mm": 1e3, "ms": 1e-3, "s": 1.0}
 UNITS |= {"\u00b5m": 1.0, r"\u00B5m": 1.0, "sec": 1.0, "min": 60.0}
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
-Anything = npt.NDArray[Any]
 Facts = dict[str, Any]  # attributes by name
 Key = str | Sequence[str] | None  # variable or data set; several become columns
 

@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import zarr
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
+from kilnflight.arrays import Anything
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import (
     Attributes,
@@ -72,7 +72,7 @@ class StoredRecording:
     path: Path
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
-    per_frame: Mapping[str, npt.NDArray[Any]]
+    per_frame: Mapping[str, Anything]
     stated: str | None = None
 
     def __len__(self) -> int:
@@ -105,7 +105,7 @@ class StoredRecording:
         check_position(t, len(self), self.attributes.name)
         return self._read("gray", t, self.attributes.rows)
 
-    def _read(self, name: str, t: int, n: int) -> npt.NDArray[Any]:
+    def _read(self, name: str, t: int, n: int) -> Anything:
         """Return the first ``n`` rows or points of frame ``t`` of an array."""
         array = self.arrays[name]
         folder = self.path / name / "c" / str(t)

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Index, Integers
+from kilnflight.arrays import Array, ArrayLike, Index, Integers
 from kilnflight.association import assign
 from kilnflight.checks import check_finite, check_number, check_shape
 from kilnflight.detection.region import inside
@@ -27,9 +26,9 @@ NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 call
 
 
 def rates(
-    true_positives: npt.ArrayLike,
-    false_positives: npt.ArrayLike,
-    false_negatives: npt.ArrayLike,
+    true_positives: ArrayLike,
+    false_positives: ArrayLike,
+    false_negatives: ArrayLike,
 ) -> pd.DataFrame:
     """Compute precision, recall and F1 of counts, one row per entry.
 
@@ -88,10 +87,10 @@ class FrameScore:
 
 
 def score_detections(
-    truth: npt.ArrayLike,
-    detected: npt.ArrayLike,
+    truth: ArrayLike,
+    detected: ArrayLike,
     gate: float = DETECTION_GATE_PX,
-    roi: npt.ArrayLike | None = None,
+    roi: ArrayLike | None = None,
 ) -> FrameScore:
     """Count the detections of one frame within a gate of a particle (Eq. 3.4).
 
@@ -159,8 +158,8 @@ def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
 def score_in_pixels(
     image: Integers,
     centroids: pd.DataFrame,
-    detected: npt.ArrayLike,
-    roi: npt.ArrayLike | None = None,
+    detected: ArrayLike,
+    roi: ArrayLike | None = None,
 ) -> FrameScore:
     """Count the detections of one frame within the pixels of a particle.
 
@@ -202,7 +201,7 @@ def score_in_pixels(
     return _score(true, found, np.stack([particle, ranked[first]], axis=1))
 
 
-def _within(roi: npt.ArrayLike | None, places: Array) -> Index:
+def _within(roi: ArrayLike | None, places: Array) -> Index:
     """Return the row numbers of the places (n, 2) in the region of interest (k, 2)."""
     if roi is None:
         return np.arange(len(places))
@@ -247,7 +246,7 @@ def pair(first: Array, second: Array, gate: float) -> Index:
 
 
 def count_in_air(
-    score: FrameScore, truth_in_air: npt.ArrayLike, detected_in_air: npt.ArrayLike
+    score: FrameScore, truth_in_air: ArrayLike, detected_in_air: ArrayLike
 ) -> dict[str, Any]:
     """Return TP, FP and FN of one frame's classification as in the air.
 

@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import scipy  # stats on first use: they take a quarter of a second
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.checks import check_finite, check_number
 from kilnflight.scores.tracks import TrackScore
 
@@ -46,13 +45,13 @@ class Interval(NamedTuple):
     number: int
 
 
-def percentiles(values: npt.ArrayLike) -> Array:
+def percentiles(values: ArrayLike) -> Array:
     """Return the ends (2,) of the middle 95 % of draws (n,)."""
     draws = check_finite(values, "percentiles: values", (None,))
     return np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
 
 
-def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+def median_interval(values: ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
     The interval has the values' unit. ``generator`` is copied, not advanced, so that

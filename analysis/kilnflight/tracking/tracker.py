@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.arrays import Array, Flags, Index, Integers
+from kilnflight.arrays import Anything, Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
 from kilnflight.checks import (
     CountFrom0,
@@ -38,7 +38,7 @@ from kilnflight.tracking.filter import (
 # Structured, one entry per track, the older first: the columns of `_blank`.
 Tracks = npt.NDArray[np.void]
 # Columns of tracks beside those of `_blank`.
-ExtraColumns = Mapping[str, npt.NDArray[Any]]
+ExtraColumns = Mapping[str, Anything]
 Shares = tuple[Integers, Integers, Any]  # (q,) each, see `_shares`
 
 

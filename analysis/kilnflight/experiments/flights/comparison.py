@@ -10,9 +10,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import ArrayLike
 from kilnflight.experiments.flights.campaigns import CAMPAIGNS, KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
@@ -48,14 +48,14 @@ def interval_columns(interval: Interval) -> dict[str, float]:
     return row
 
 
-def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+def median_of(values: ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of the known (finite) values, with its interval."""
     sample = np.asarray(values, np.float64)
     return intervals.median_interval(sample[np.isfinite(sample)], generator)
 
 
 def median_columns(
-    values: npt.ArrayLike, generator: np.random.Generator
+    values: ArrayLike, generator: np.random.Generator
 ) -> dict[str, float]:
     """Return the `interval_columns` of `median_of`."""
     return interval_columns(median_of(values, generator))

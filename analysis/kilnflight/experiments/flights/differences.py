@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import chain
+from kilnflight.arrays import Gray
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.flights.sources import TwinSource
@@ -70,7 +70,7 @@ class StoredDifferences:
         make_whole(self.path, write)
         return pd.concat(parts, ignore_index=True)
 
-    def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
+    def __getitem__(self, box: tuple[slice, slice, slice]) -> Gray:
         """Return the foregrounds (frames, rows, cols) in a box.
 
         ``box`` slices frames, rows and columns. Frames need a start and a stop,

@@ -7,10 +7,9 @@ detector and tracker.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 from kilnflight.detection.region import inside
 from kilnflight.flight import slices
 from kilnflight.regression import fits, regress_all
@@ -86,7 +85,7 @@ def regular_share(paths: pd.DataFrame) -> float:
 
 
 def seen_by_camera(
-    paths: pd.DataFrame, scene: Scene, own_mm: npt.ArrayLike, seed: int = 0
+    paths: pd.DataFrame, scene: Scene, own_mm: ArrayLike, seed: int = 0
 ) -> pd.DataFrame:
     """Return true paths as the depth camera sees them, moved along the rays.
 
@@ -115,7 +114,7 @@ def seen_by_camera(
 
 
 def fit_medians(
-    paths: pd.DataFrame, exit_point_mm: npt.ArrayLike, rate_hz: float
+    paths: pd.DataFrame, exit_point_mm: ArrayLike, rate_hz: float
 ) -> pd.Series:
     """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18).
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, ArrayLike
 
 FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 

@@ -21,10 +21,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Flags, Index, Picture, Single
+from kilnflight.arrays import Array, ArrayLike, Flags, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
@@ -119,7 +118,7 @@ class LensCamera:
     )
     wall_particle_mm: float = 445.0
 
-    def captured(self, true_mm: npt.ArrayLike) -> Array:
+    def captured(self, true_mm: ArrayLike) -> Array:
         """Return the captured depth that Eq. 2.4 turns into each true depth.
 
         Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation
@@ -127,7 +126,7 @@ class LensCamera:
         """
         return np.asarray(np.interp(np.asarray(true_mm), *_tabulate_captured()))
 
-    def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
+    def wall_scale(self, depth_mm: ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths."""
         depth = np.asarray(depth_mm, dtype=np.float64)
         relative = self.wall_error

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, ArrayLike, Index
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 
 # The wall has its level at this shutter, just below the frame period at 330 Hz.
@@ -103,7 +103,7 @@ class Optics:
         """Grey value of a thick flame at this exposure."""
         return self.flame * FULL_SCALE * self.exposure
 
-    def noise(self, level: npt.ArrayLike) -> Array:
+    def noise(self, level: ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""
         shot = self.shot_gain * np.asarray(level, dtype=np.float64)
         return np.sqrt(self.read_noise**2 + shot)

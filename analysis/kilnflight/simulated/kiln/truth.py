@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.arrays import Array, Single
+from kilnflight.arrays import Array, Integers, Single
 from kilnflight.checks import InputError
 from kilnflight.detection.region import inside
 from kilnflight.scores.flights import MARKS_M, FlightValues
@@ -147,7 +146,7 @@ def kept_marks(
     return CachedTable(make.__name__, partial(make, twin, frames), depends_on)
 
 
-def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
+def instances(twin: Twin, t: int) -> Integers:
     """Return the particle that each pixel (rows, columns) of frame ``t`` shows.
 
     -1 means no particle.
