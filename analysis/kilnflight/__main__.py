@@ -142,23 +142,23 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
 
 def _info(options: argparse.Namespace) -> None:
     """Read every frame and print what a recording, or each subset of one, holds."""
-    from kilnflight.film.report import aligned, summarise_recording
+    from kilnflight.film.report import summarise_recording
     from kilnflight.recording.files import open_subsets
     from kilnflight.recording.survey import check_frame_fits
 
     if Path(options.recording).suffix.lower() != ".toml":
-        print(aligned(summarise_recording(_opened(options))))
+        summarise_recording(_opened(options))
         return
     for name, recording in open_subsets(options.recording).items():
         if recording.labelled:
             first = recording.frame(recording.labelled[0])
             check_frame_fits(first, f"{options.recording}, {name}")
-        print(aligned(summarise_recording(recording)))
+        summarise_recording(recording)
 
 
 def _import(options: argparse.Namespace) -> None:
     """Store a recording as Zarr; of an archive of many, draft the manifest."""
-    from kilnflight.film.report import aligned, summarise_recording
+    from kilnflight.film.report import summarise_recording
     from kilnflight.recording.series import is_archive
     from kilnflight.recording.store import write_recording
 
@@ -169,7 +169,7 @@ def _import(options: argparse.Namespace) -> None:
     target = options.to or f"{recording.attributes.name}.zarr"
     stored = write_recording(recording, target)
     print(f"imported as {stored.path}")
-    print(aligned(summarise_recording(stored)))
+    summarise_recording(stored)
 
 
 def _draft(source: Path, target: Path | None) -> None:

@@ -80,7 +80,8 @@ def test_particles_of_other_kinds_are_found_or_warned_about(name):
     assert recall >= least
     assert precision >= least or name in WARNED
     if said or name.endswith("area"):
-        rows = choose(kilnflight.open(pictures), Options(**options))[2]
+        rows = []
+        choose(kilnflight.open(pictures), Options(**options), rows)
         assert said in str(rows)
         assert ("warning" in dict(rows)) == (name in WARNED)
 
@@ -136,7 +137,9 @@ def test_a_film_of_0_and_1_is_scaled_and_particles_that_rest_among_others_are_to
         film(frames=12, cells=(4, 4), drift=(0, step))[0] for step in (3, 0)
     )
     both = np.concatenate([moving, resting], axis=2)
-    assert "count as background" in str(choose(kilnflight.open(both), Options())[2])
+    rows = []
+    choose(kilnflight.open(both), Options(), rows)
+    assert "count as background" in str(rows)
 
 
 def test_a_table_in_steps_is_linked_and_keeps_its_numbers(small):

@@ -132,7 +132,8 @@ def test_spots_that_rest_are_found(sigma):
 
 def rows_of(pictures, **options):
     """Return the rows of the settings by name."""
-    rows = preparation.choose(kilnflight.open(pictures), Options(**options)).rows
+    rows = []
+    preparation.choose(kilnflight.open(pictures), Options(**options), rows)
     return {name: [text for key, text in rows if key == name] for name, _ in rows}
 
 

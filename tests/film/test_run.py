@@ -221,3 +221,9 @@ def test_doubtful_flights_are_said(flown):
     assert next(doubts(flown | {"flights": wild})).startswith("2 of 2 ")
     elsewhere = flown["flights"].assign(from_lance=False, start_mm=9000.0)
     assert "9000 mm" in next(doubts(flown | {"flights": elsewhere}))
+
+
+def test_settings_are_printed_before_the_film_is_searched(stored, tmp_path, capsys):
+    prepared = preparation.prepare(stored, tmp_path, OPTIONS)[1]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[0] for line in lines] == [what for what, _ in prepared]

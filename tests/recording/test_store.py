@@ -14,7 +14,7 @@ import pytest
 import zarr
 
 from kilnflight.checks import InputError
-from kilnflight.film.report import aligned, summarise_recording
+from kilnflight.film.report import summarise_recording
 from kilnflight.recording import store
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Attributes, check_frame
@@ -92,7 +92,7 @@ def test_a_missing_or_damaged_frame_is_refused_when_it_is_read(
             stored.frame(t)
 
 
-def test_the_summary_counts_what_the_frames_hold(small):
+def test_the_summary_counts_what_the_frames_hold(small, capsys):
     facts = summarise_recording(small)
     value = dict(facts)
     frames = [small.frame(t) for t in range(5)]
@@ -105,9 +105,9 @@ def test_the_summary_counts_what_the_frames_hold(small):
         value["labels"]
         == f"of {sum(frame.labels is not None for frame in frames)} frames"
     )
-    assert aligned(facts).splitlines()[:2] == [
-        "recording   small",
-        "frames      5 of 24 x 32 pixels",
+    assert capsys.readouterr().out.splitlines()[:2] == [
+        "recording        small",
+        "frames           5 of 24 x 32 pixels",
     ]
     original = small.frame
     for edit, warning in [

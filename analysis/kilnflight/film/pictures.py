@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from kilnflight import chain
 from kilnflight.film.preparation import choose
 from kilnflight.film.prepared import spread
-from kilnflight.film.report import Tables
+from kilnflight.film.report import Rows, Tables
 from kilnflight.film.settings import Options
 from kilnflight.film.spreading import (
     LEAST_PX2,
@@ -154,7 +154,8 @@ def preview(source: Any, **options: Any) -> Figure:
     """
     recording = open_any(source)
     first = recording.frame(0).index
-    run, known, rows = choose(recording, Options(**options))
+    rows: Rows = []
+    run, known = choose(recording, Options(**options), rows)
     seen = run.source.recording()
     frames = [run.frames[k] for k in spread(len(run.frames), PREVIEW_FRAMES)]
     views = list(chain.views(seen, frames, run.background))

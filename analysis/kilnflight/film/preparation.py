@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from kilnflight.film.noise import (
     spot_detector,
 )
 from kilnflight.film.prepared import Prepared, mean_level, spread
-from kilnflight.film.report import Rows
+from kilnflight.film.report import Printed, Rows
 from kilnflight.film.settings import BACKGROUNDS, Background, Options
 from kilnflight.recording.files import WHITE, open_any
 from kilnflight.recording.frames import Recording, calibrated_cloud
@@ -82,14 +81,6 @@ SHAKEN_PX = 0.5  # above it edges of a textured ground stand out
 Told = Iterator[tuple[str, str]]  # what a row is, and its text
 
 
-class Chosen(NamedTuple):
-    """How a recording is detected, with all options known, and what is told."""
-
-    run: chain.DetectionRun
-    options: Options
-    rows: Rows
-
-
 class Looks:
     """Five frames as they look over each background; each look is made once.
 
@@ -129,8 +120,12 @@ class Looks:
         return sum(map(len, self.spots(background, enlarge)))
 
 
-def choose(recording: Recording, options: Options) -> Chosen:
+def choose(
+    recording: Recording, options: Options, rows: Rows
+) -> tuple[chain.DetectionRun, Options]:
     """Return how a recording is detected: what is given, else what the frames tell.
+
+    Each setting is added to ``rows`` when it is chosen.
 
     Recordings with depth are taken as the thesis takes them: median, combined detector
     and at least its threshold (section 5.1.2), which is scaled by the brightest pixel.
@@ -144,7 +139,7 @@ def choose(recording: Recording, options: Options) -> Chosen:
     options.check(recording)
     deep = any(len(recording.frame(t).pixels) for t in spread(len(recording), 5))
     seen = _prepared(recording, options, deep)
-    rows = _given(recording, options, deep)
+    rows.extend(_given(recording, options, deep))
     looks = Looks(seen)
     if not deep:
         looks = Looks(_tried(seen))
@@ -167,10 +162,10 @@ def choose(recording: Recording, options: Options) -> Chosen:
     threshold, reason = choose_threshold(looks, background, enlarge, options, deep)
     rows.append(("threshold", f"{threshold:g} grey values ({reason})"))
     if planar:
-        rows += _found(looks, background, spot_detector(threshold, enlarge))
-        rows += _doubts(looks, background, enlarge)
+        rows.extend(_found(looks, background, spot_detector(threshold, enlarge)))
+        rows.extend(_doubts(looks, background, enlarge))
     known = replace(options, background=background, threshold=threshold)
-    return Chosen(_detection(seen, known, enlarge, deep), known, rows)
+    return _detection(seen, known, enlarge, deep), known
 
 
 def _prepared(recording: Recording, options: Options, deep: bool) -> Prepared:
@@ -266,7 +261,7 @@ def choose_threshold(
         threshold = looks.threshold(background, enlarge)
     if not deep:
         return threshold, "from the noise"
-    start = _frames(looks.seen, options).start
+    start = (options.frames or (0,))[0]
     brightest = float(looks.seen.gray(start).max())
     least = DoG().threshold * brightest / WHITE
     return max(threshold, least), "from the noise, at least that of the thesis"
@@ -329,8 +324,7 @@ def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
         if shake > SHAKEN_PX:
             yield "warning", SHAKEN.format(shake)
     by_area = Otsu(area_threshold(seen))
-    foregrounds = looks.foregrounds(background)
-    area = _median_radius([by_area(each) for each in foregrounds])
+    area = _median_radius([*map(by_area, looks.foregrounds(background))])
     spot = _median_radius(looks.spots(background, enlarge))
     if area > 1.5 * spot:
         yield "warning", LONG.format(area, spot)
@@ -344,22 +338,22 @@ def _median_radius(found: Sequence[Array]) -> float:
 def prepare(
     stored: StoredRecording, target: Path, options: Options
 ) -> tuple[chain.Chain, Rows]:
-    """Return the run of a stored recording, and its settings.
+    """Return the run of a stored recording, and its settings, which are printed.
 
     Its motion is that of the kiln.
     """
-    chosen = choose(stored, options)
-    rows = chosen.rows
+    rows = Printed()
+    found, _ = choose(stored, options, rows)
     lance, wall = _geometry(stored, rows)
     joined = options.post_processing
     if joined is None:
         joined = lance is not None
+    how = "none"
     if joined:
-        rows.append(("post-processing", "as in chapter 4.2 of the thesis"))
-    else:
-        rows.append(("post-processing", "none"))
+        how = "as in chapter 4.2 of the thesis"
+    rows.append(("post-processing", how))
     run = chain.Chain(
-        detection=replace(chosen.run, folder=target.absolute() / "parts"),
+        detection=replace(found, folder=target.absolute() / "parts"),
         exit_point_mm=lance,
         wall=wall,
         in_air=InAir(options.in_air_mm),
@@ -377,10 +371,10 @@ def _geometry(
     if not len(deep):
         return None, None
     lance = recording.attributes.exit_point_mm
+    told = NO_LANCE
     if lance:
-        rows.append(("lance", f"{np.round(lance, 1)} mm, depth calibrated"))
-    else:
-        rows.append(("lance", NO_LANCE))
+        told = f"{np.round(lance, 1)} mm, depth calibrated"
+    rows.append(("lance", told))
     try:
         wall = fitted_wall(recording, deep[spread(len(deep), 5)].tolist())
     except InputError as error:

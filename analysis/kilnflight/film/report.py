@@ -3,7 +3,7 @@
 `summarise_recording` for ``kilnflight import`` and ``info``; `summary` for a run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,21 @@ Tables = Mapping[str, pd.DataFrame]
 Rows = list[tuple[str, str]]  # a name, "note" or "warning", and a text
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
+
+
+class Printed(Rows):
+    """Rows that are printed as soon as they are known."""
+
+    def append(self, row: tuple[str, str]) -> None:
+        """Add and print a row."""
+        super().append(row)
+        what, value = row
+        print(printable(f"{what:<15}  {value}"), flush=True)
+
+    def extend(self, rows: Iterable[tuple[str, str]]) -> None:
+        """Add and print rows."""
+        for row in rows:
+            self.append(row)
 
 
 def _facts(frame: Frame) -> dict[str, Any]:
@@ -61,7 +76,7 @@ def _labelled(attributes: Attributes, pixels: Integers) -> Rows:
 
 
 def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
-    """Read every frame once; return what it holds."""
+    """Read every frame once; print and return what it holds."""
     recording.content()  # refused where it was changed after it was written
     frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)
     each = pd.DataFrame([_facts(recording.frame(t)) for t in frames])
@@ -69,21 +84,31 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
     top = each["brightest"].max()
     points = each["points"]
     told = f"{points.min()} to {points.max()} per frame, median {points.median():g}"
-    rows = [
-        ("recording", attributes.name),
-        ("frames", f"{len(each)} of {attributes.rows} x {attributes.columns} pixels"),
-        *(("note", note) for note in attributes.notes),
-        ("gray", f"{each['darkest'].min()} to {top} ({int(top).bit_length()} bits)"),
-        *units(attributes),
-        ("points", told),
-        ("labels", f"of {each['labelled'].sum()} frames"),
-    ]
+    rows = Printed()
+    rows.extend(
+        [
+            ("recording", attributes.name),
+            (
+                "frames",
+                f"{len(each)} of {attributes.rows} x {attributes.columns} pixels",
+            ),
+            *(("note", note) for note in attributes.notes),
+            (
+                "gray",
+                f"{each['darkest'].min()} to {top} ({int(top).bit_length()} bits)",
+            ),
+            *units(attributes),
+            ("points", told),
+            ("labels", f"of {each['labelled'].sum()} frames"),
+        ]
+    )
     if each["labelled"].any():
-        rows += _labelled(attributes, np.sum(each["classes"].to_list(), axis=0))
+        rows.extend(_labelled(attributes, np.sum(each["classes"].to_list(), axis=0)))
     saturated = 100 * each["saturated"][each["brightest"] == top].sum() / len(each)
     if top & (top + 1) == 0 and saturated > 0.1:  # all bits of the largest are 1
-        told = f"{saturated:.2f} % of the pixels are {top}: saturated?"
-        rows.append(("warning", told))
+        rows.append(
+            ("warning", f"{saturated:.2f} % of the pixels are {top}: saturated?")
+        )
     if points.any():
         how = "as captured"
         if attributes.depth_calibration is None:
@@ -92,8 +117,12 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
         far = each["farthest_mm"].max()
         rows.append(("depth", f"{near:.0f} to {far:.0f} mm, {how}"))
         if near < LEAST_MM or far > MOST_MM:
-            told = "depths: is the unit mm, and is the invalid value left out?"
-            rows.append(("warning", told))
+            rows.append(
+                (
+                    "warning",
+                    "depths: is the unit mm, and is the invalid value left out?",
+                )
+            )
     return rows
 
 
@@ -120,13 +149,6 @@ def speed(tracks: pd.DataFrame, attributes: Attributes) -> Rows:
     return [("speed, median", told)]
 
 
-def aligned(rows: Rows) -> str:
-    """Return rows as text, one a line."""
-    width = max(10, *(len(what) for what, _ in rows))
-    lines = [f"{what:<{width}}  {value}" for what, value in rows]
-    return "\n".join(map(printable, lines))
-
-
 def summary(tables: Tables) -> dict[str, str]:
     """Return the results, each by what it is.
 
@@ -137,8 +159,9 @@ def summary(tables: Tables) -> dict[str, str]:
     counted = kept(flights[flights["from_lance"]])
     rows = _found(tables)
     if len(flights):
-        told = f"{len(counted)} of {len(flights)} trajectories"
-        rows["flights from the lance"] = told
+        rows["flights from the lance"] = (
+            f"{len(counted)} of {len(flights)} trajectories"
+        )
     # the end of other flights was not seen
     ended = counted["ending"].isin([LANDED, BURNT_OUT])
     dwell_s = counted.loc[ended, "dwell_s"]

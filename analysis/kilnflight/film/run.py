@@ -18,7 +18,7 @@ from kilnflight.film.doubts import doubtful_links, doubts
 from kilnflight.film.motion import motion_of
 from kilnflight.film.pictures import pictures, png
 from kilnflight.film.preparation import choose, prepare
-from kilnflight.film.report import Tables, aligned, speed, summary, units
+from kilnflight.film.report import Rows, Tables, speed, summary, units
 from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording, count_frames
@@ -74,7 +74,8 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     >>> found.columns[:4].tolist(), found["frame"].nunique()
     (['frame', 'row', 'col', 'radius_px'], 16)
     """
-    run, _, rows = choose(open_any(source), Options(**options))
+    rows: Rows = []
+    run, _ = choose(open_any(source), Options(**options), rows)
     for what, text in rows:
         if what == "warning":
             warnings.warn(text, stacklevel=2)
@@ -248,15 +249,14 @@ def run_recording(
     tables = {"detections": run.detection.detections()}
     for step in CHAIN_STEPS:
         tables[step] = run.table(step)()
-    rows += units(stored.attributes)
-    rows += summary(tables).items()
-    rows += speed(tables["tracks"], stored.attributes)
-    rows += [("warning", doubt) for doubt in doubts(tables)]
+    rows.extend(units(stored.attributes))
+    rows.extend(summary(tables).items())
+    rows.extend(speed(tables["tracks"], stored.attributes))
+    rows.extend(("warning", doubt) for doubt in doubts(tables))
     tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
     index = stored.per_frame["index"]
     publish(tables, stored, target, index[run.frames] - index[0])
     rows.append(("written to", f"{target}"))
-    print(aligned(rows))
     return tables
 
 
