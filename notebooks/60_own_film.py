@@ -253,6 +253,7 @@ def by_trackpy(tracks: pd.DataFrame) -> float:
     return float(np.polyfit(squares.index, squares, 1)[0] / 4)
 
 
+# %%
 rows = []
 for seen in (1.0, 0.7):
     for particles in (5, 10, 60):

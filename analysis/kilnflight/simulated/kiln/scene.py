@@ -10,9 +10,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Index, Integers, Picture, Single
+from kilnflight.arrays import Array, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.simulated.kiln.background import Background
@@ -214,7 +215,7 @@ class Twin:
         """Return the particles of frame ``t`` as the lenses see them."""
         return self._wall.see_particles(view, self._draw_errors(t), self._random(t, 2))
 
-    def _cloud(self, t: int, view: SceneView) -> tuple[Integers, Single]:
+    def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
         """Return pixels (n, 2) and captured positions (n, 3) of the points of ``t``."""
         index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
         captured = self.scene.depth.captured(depth)
