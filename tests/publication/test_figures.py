@@ -61,6 +61,14 @@ def test_a_picture_is_png_pdf_and_csv_and_a_table_a_csv():
     assert b"02_x" in content
 
 
+def test_a_picture_that_grew_too_large_has_no_older_pdf():
+    save(picture=drawn())
+    dots, ((axes,),) = style.canvas()
+    axes.plot(*np.random.default_rng(0).random((2, 60_000)), ".")
+    save(picture=dots)
+    assert set(files()) == {"fig-1.png", "fig-1.csv", "index.json"}
+
+
 def test_the_same_input_gives_the_same_bytes():
     save(picture=drawn())
     first = files()

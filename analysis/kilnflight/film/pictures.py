@@ -96,7 +96,7 @@ def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
         told = f"D = {fit.diffusion:.3g} ± {fit.diffusion_error:.2g} px²/frame"
         axes.plot(lag, 4 * (fit.diffusion * lag + fit.position_error_px2), label=told)
     axes.set(xlabel="lag (frames)", ylabel="mean square displacement (px²)")
-    axes.legend()
+    axes.legend(loc="upper left")
     return figure
 
 

@@ -22,6 +22,8 @@ def write(
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
+        # a picture that has become too large has no PDF
+        (folder / f"{name}.pdf").unlink(missing_ok=True)
         for file in contents:
             write_whole(folder / file, contents[file])
         known = load()
