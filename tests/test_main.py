@@ -47,8 +47,8 @@ def test_import_and_info_print_what_a_recording_holds(
     main(["import", str(manifest)])
     imported = capsys.readouterr().out.splitlines()
     assert "mine.zarr" in imported[0]
-    assert imported[1] == "recording   mine"
-    assert imported[3] == "gray        1000 to 1002 (10 bits)"
+    assert imported[1] == "recording        mine"
+    assert imported[3] == "gray             1000 to 1002 (10 bits)"
     assert len(open_recording(tmp_path / "mine.zarr")) == 3
     main(["import", str(manifest), "--to", str(tmp_path / "a" / "b")])
     stated = {"?.tif": ["--rate", "330"]}  # the others state it themselves
