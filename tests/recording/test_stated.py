@@ -183,6 +183,30 @@ def test_scale_and_frame_rate_are_read_where_a_stack_states_them(kind, tmp_path)
     assert (given.frame_rate_hz, given.um_per_px, given.timed) == (7.0, 3.0, True)
 
 
+MALFORMED = {
+    "PhysicalSizeX": ("0,65", "", "NaN um", "nan", "inf", "-0.65"),
+    "TimeIncrement": ("fast", "-1"),
+    "finterval": ("0,5", "-inf"),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_a_number_that_is_none_is_told_with_file_and_field(name, tmp_path):
+    path = tmp_path / "a.tif"
+    for text in MALFORMED[name]:
+        if name == "finterval":
+            imagej(path, **{name: text})
+        else:
+            told = f'<OME><Pixels PhysicalSizeY="1" {name}="{text}" /></OME>'
+            tifffile.imwrite(path, DEEP, description=told, metadata=None)
+        known = open_any(path).attributes
+        assert (known.um_per_px, known.timed) == (None, False)
+        notes = [note for note in known.notes if "a.tif" in note]
+        assert [name in note and text in note for note in notes] == [True] * bool(text)
+        given = open_any(path, frame_rate_hz=7.0, um_per_px=3.0).attributes
+        assert (given.frame_rate_hz, given.um_per_px) == (7.0, 3.0)
+
+
 def test_a_stored_recording_keeps_rate_and_scale(tmp_path):
     imagej(tmp_path / "a.tif", unit="um", finterval=0.05)
     first = write_recording(open_any(tmp_path / "a.tif"), tmp_path / "a.zarr")
