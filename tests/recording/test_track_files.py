@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import kilnflight
 from kilnflight.checks import InputError
 from kilnflight.recording.track_files import FORMATS, read_table, write_table
 from kilnflight.scores import score_tracks
@@ -143,6 +144,38 @@ def test_boxes_without_a_number_are_in_no_track_and_can_be_linked(tmp_path):
         (tmp_path / "det.txt").write_text(wrong)
         with pytest.raises(InputError, match=r"det\.txt"):
             read_table(tmp_path / "det.txt")
+
+
+MODEL = """<?xml version="1.0" encoding="UTF-8"?>
+<TrackMate version="7.11.1"><Model spatialunits="pixel" timeunits="frame">
+<AllSpots nspots="2"><SpotsInFrame frame="0">
+<Spot ID="11" FRAME="0" POSITION_X="5.25" POSITION_Y="7.5" POSITION_Z="0.0" />
+</SpotsInFrame><SpotsInFrame frame="1">
+<Spot ID="12" FRAME="1" POSITION_X="5.75" POSITION_Y="8.5" POSITION_Z="0.0" />
+</SpotsInFrame></AllSpots><AllTracks><Track TRACK_ID="0">
+<Edge SPOT_SOURCE_ID="11" SPOT_TARGET_ID="12" /></Track></AllTracks></Model></TrackMate>
+"""
+
+
+@pytest.mark.parametrize("text", [MODEL, "<svg></svg>", "<!DOCTYPE html><html/>"])
+def test_xml_of_another_kind_is_no_empty_table(text, tmp_path):
+    (tmp_path / "a.xml").write_text(text)
+    with pytest.raises(InputError, match=r"a\.xml.*(TrackMate|svg|html)"):
+        read_table(tmp_path / "a.xml")
+
+
+def test_spots_without_tracks_are_linked_and_not_scored(tmp_path):
+    lines = [line.split(",") for line in SPOTS.splitlines()]
+    text = "\n".join(",".join(line[:2] + line[3:]) for line in lines)
+    (tmp_path / "a.csv").write_text(f"{text}\n")
+    found = read_table(tmp_path / "a.csv")
+    assert found[["frame", "row"]].to_numpy().tolist() == [[0, 7.5], [2, 8.5], [2, 60]]
+    with pytest.raises(InputError, match="particle"):
+        score_tracks(found, found, gate=5.0)
+    with pytest.warns(UserWarning, match="3 particles"):
+        tracks = kilnflight.track(found, max_step=5.0)
+    first, second, third = tracks["particle"]
+    assert first == second != third
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ import pandas as pd
 
 from kilnflight.checks import InputError
 from kilnflight.store.cache import write_whole
-from kilnflight.tables import FORMATS, in_tracks, with_pixels
+from kilnflight.tables import FORMATS, PROGRAMS, in_tracks, with_pixels
 
 ENDINGS = {"csv": ("", ".csv", ".txt", ".parquet"), "challenge": ("", ".xml")}
 # Since TrackMate 7 three lines follow the names: long names, short names, units.
@@ -69,10 +69,13 @@ def read_text(path: Path) -> pd.DataFrame:
 
 def _read_xml(text: str) -> pd.DataFrame:
     """Return the detections of the challenge's XML."""
+    root = ElementTree.fromstring(text)
+    if root.tag not in ("root", "Tracks"):
+        raise InputError(f"XML of {root.tag}; in TrackMate: Export tracks to XML file")
     rows = []
-    for number, track in enumerate(ElementTree.fromstring(text).iter("particle")):
+    for number, track in enumerate(root.iter("particle")):
         rows += [place.attrib | {"particle": number} for place in track]
-    return pd.DataFrame(rows, columns=[*FORMATS["challenge"].values()]).astype(float)
+    return pd.DataFrame(rows, columns=PROGRAMS["challenge"].split()).astype(float)
 
 
 def _read_boxes(text: str) -> pd.DataFrame:
