@@ -14,6 +14,7 @@ import kilnflight
 from kilnflight.film import preparation
 from kilnflight.film.doubts import doubtful_links
 from kilnflight.film.motion import shaken_px
+from kilnflight.film.pictures import png
 from kilnflight.film.settings import Options
 from kilnflight.scores import score_detections
 
@@ -176,8 +177,12 @@ def test_darker_particles_are_asked_about(kind):
     for amplitude in (-60, 60):
         pictures, _ = film(amplitude=amplitude, frames=12, cells=(3, 4), **DARK[kind])
         for dark in (False, True):
-            asked = "--dark" in str(rows_of(pictures, dark=dark).get("warning"))
-            assert asked == (dark != (amplitude < 0))
+            rows = rows_of(pictures, dark=dark)
+            warned = str(rows.get("warning"))
+            assert ("--dark" in warned) == (dark != (amplitude < 0))
+            # no other number of spots than the counts
+            counts = re.findall(r"\d+", rows["spots"][0])
+            assert {*re.findall(r"(\d+) spots", warned)} <= {*counts}
 
 
 @pytest.mark.parametrize("shake", [0.0, 1.0, 6.0])
@@ -201,6 +206,18 @@ def test_the_frame_in_which_the_picture_jumps_is_named():
     jumped = [np.roll(each, 12 * (t >= 9), 0) for t, each in enumerate(pictures)]
     with pytest.warns(UserWarning, match="frame 9:"):
         kilnflight.track(kilnflight.detect(jumped))
+
+
+def test_warnings_above_a_preview_are_not_cut():
+    pictures, _ = film(frames=6, kind="rod", size=(16, 4), amplitude=-60)
+    figure = kilnflight.preview(pictures)
+    png(figure)
+    (told,) = figure.texts
+    assert len(told.get_text()) > 150
+    inside = told.get_window_extent()
+    assert inside.x0 >= 0
+    assert inside.x1 <= figure.bbox.x1
+    assert inside.y1 <= figure.bbox.y1
 
 
 def test_a_preview_goes_up_to_eight_times_the_threshold():

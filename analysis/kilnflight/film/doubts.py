@@ -11,8 +11,8 @@ from kilnflight.film.spreading import followed, speeds
 from kilnflight.flight import kept
 
 TRY = (
-    "Try --detector otsu for long ones, --dark, --background none for resting ones, or "
-    "a lower --threshold; `kilnflight preview` shows what is found."
+    "In a film, try --detector otsu for long ones, --dark, --background none for "
+    "resting ones, or a lower --threshold; `kilnflight preview` shows what is found."
 )
 FOLLOW = "Try a longer --max-step or --memory; with depth, --in-air."
 FASTER = "Links are doubtful; record faster, or raise --threshold."

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import chain
-from kilnflight.film.preparation import choose
+from kilnflight.film.preparation import STEPS, choose
 from kilnflight.film.prepared import spread
 from kilnflight.film.report import Rows, Tables
 from kilnflight.film.settings import Options
@@ -27,7 +27,7 @@ from kilnflight.recording.frames import Recording
 from kilnflight.tables import in_tracks
 
 PREVIEW_FRAMES = 3
-PREVIEW_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)  # multiples of the threshold
+PREVIEW_STEPS = (*STEPS, 8.0)  # multiples of the threshold
 BARS = {"color": "0.7", "edgecolor": "black"}  # histograms
 
 
@@ -167,8 +167,8 @@ def preview(source: Any, **options: Any) -> Figure:
         width_mm=style.PAGE_MM,
         height_mm=5.0 + height_mm * len(PREVIEW_STEPS),
     )
-    warnings = [text for what, text in rows if what == "warning"]
-    figure.suptitle("\n".join(warnings), fontsize=7, color=style.COLOURS[1])
+    doubts = "\n".join(text for what, text in rows if what == "warning")
+    figure.suptitle(doubts, fontsize=7, color=style.COLOURS[1], wrap=True)
     for k, step in enumerate(PREVIEW_STEPS):
         threshold = step * (known.threshold or 0.0)
         detector = _with_threshold(run.detector, threshold)

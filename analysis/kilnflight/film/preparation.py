@@ -57,12 +57,12 @@ COUNTS = (
     "film: {}, {}, {} and {})"
 )
 LOOSE = (
-    "Twice the threshold leaves {} of {} spots: it decides what is found. Inverted, "
-    "the film has {}; so many may be noise. Compare `kilnflight preview`."
+    "Twice the threshold leaves {} of {} spots: it decides what is found. Spots of the "
+    "inverted film are noise, or darker particles. Compare `kilnflight preview`."
 )
 DARKER = (
-    "Inverted, the film shows {} spots for {}, and stronger ones: are particles darker "
-    "than the ground? Then --dark; else leave it out."
+    "Inverted, the film shows stronger spots: are particles darker than the ground? "
+    "Then --dark; else leave it out."
 )
 LARGE = (
     "Four times its size would take long, so the film is searched at twice its size. "
@@ -309,7 +309,7 @@ def _found(looks: Looks, background: Background, single: DoG) -> Told:
         counts += [np.sum(np.concatenate(graded) >= level) for level in levels]
     yield "spots", COUNTS.format(*counts)
     if counts[1] > FEW and 2 * counts[2] < counts[1]:
-        yield "warning", LOOSE.format(counts[2], counts[1], counts[5])
+        yield "warning", LOOSE.format(counts[2], counts[1])
 
 
 def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
@@ -317,7 +317,7 @@ def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
     sides = (looks, looks.inverse)
     bright, dark = (np.concatenate(each.spots("none", 2))[:, 3] for each in sides)
     if len(dark) > FEW and dark.sum() > 2 * bright.sum():
-        yield "warning", DARKER.format(len(dark), len(bright))
+        yield "warning", DARKER
     seen = looks.seen
     if min(len(seen), *seen.attributes.size) >= LEAST_SHAKEN:
         shake = shaken_px(seen)

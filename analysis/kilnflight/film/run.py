@@ -265,7 +265,7 @@ def check_apart(
 ) -> None:
     """Raise an `InputError` if a target is the recording, or lies in it."""
     place = target.resolve()
-    own = [Path(file) for file in getattr(recording, "files", ())]
+    own = [*getattr(recording, "files", ())]
     if isinstance(source, str | Path):
         own.append(Path(source))
     elif isinstance(recording, StoredRecording):
