@@ -70,7 +70,7 @@ def scored(film: Film, tracks: pd.DataFrame) -> dict[str, float]:
         followed = tracks[tracks["particle"] >= 0]
         displacements = kilnflight.square_displacements(followed)
         row["true_diffusion"] = film.diffusion
-        row["diffusion"] = kilnflight.diffusion(displacements)[0]
+        row["diffusion"] = kilnflight.fit_spreading(displacements).diffusion
     return row
 
 

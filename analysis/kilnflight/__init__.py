@@ -114,7 +114,6 @@ PUBLIC = {
     "score_tracks": "scores",
     "TrackScore": "scores.tracks",
     "square_displacements": "film.spreading",
-    "diffusion": "film.spreading",
     "fit_spreading": "film.spreading",
     # sort
     "PredictionPhase": "belt",

@@ -163,31 +163,6 @@ def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
     )
 
 
-def diffusion(displacements: pd.DataFrame, lags: int = 10) -> tuple[float, float]:
-    """Return D and the error of a position, as `fit_spreading` has them.
-
-    Parameters
-    ----------
-    displacements
-        From `square_displacements`.
-    lags
-        Number of the first lags that are fitted, as by `fit_spreading`.
-
-    Returns
-    -------
-    tuple
-        D in px^2 a frame, and the square of the error of a position in px^2; noise can
-        make it negative.
-
-    Examples
-    --------
-    >>> walked = pd.DataFrame({"lag": [1, 2, 3], "square_px2": [3.0, 5.0, 7.0]})
-    >>> [round(value, 6) for value in diffusion(walked.assign(error_px2=0.5))]
-    [0.5, 0.25]
-    """
-    return fit_spreading(displacements, lags)[:2]
-
-
 def speeds(tracks: pd.DataFrame) -> Array:
     """Return the speed (n,) in px/frame of each step.
 
