@@ -42,7 +42,6 @@ ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
 # Lengths in um and times in s, as ImageJ and OME name them.
 UNITS = {"nm": 1e-3, "um": 1.0, "micron": 1.0, "mm": 1e3, "ms": 1e-3, "s": 1.0}
 UNITS |= {"\u00b5m": 1.0, r"\u00B5m": 1.0, "sec": 1.0, "min": 60.0}
-MEASURES = ("PhysicalSizeX", "TimeIncrement", "finterval")  # OME's, and ImageJ's
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Facts = dict[str, Any]  # attributes by name
 Key = str | Sequence[str] | None  # variable or data set; several become columns
@@ -197,7 +196,7 @@ def _stated(path: Path) -> tuple[Facts, str]:
         facts = Facts(notes=notes, length=len(tif.pages))
     # unit=um in a line of ImageJ's, PhysicalSizeX="0.65" in OME
     told = Facts(re.findall(r'(\w+)="?([^"\n]+)', page.description))
-    for name in MEASURES:
+    for name in ("PhysicalSizeX", "TimeIncrement", "finterval"):
         try:
             check_number(float(told.get(name, 0)), name, least=0)
         except ValueError:
