@@ -4,9 +4,10 @@ Conventions: one row is one particle in one frame. Columns ``x``, ``y``, ``z`` a
 millimetres, ``row`` and ``col`` in pixels; ``particle`` is a track. ``link`` says how
 sure the link to the track is, from 1 to 0 (`kilnflight.track`). Other columns carry
 their unit in the name. On the belt ``x`` points along the transport direction and ``y``
-across it.
+across it. tables.csv lists the columns of all tables.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -112,154 +113,29 @@ def _checked(values: pd.Series, kind: type, place: str, limit: dict[str, Any]) -
     return found
 
 
-def _by_axis(name: str, kind: type) -> dict[str, type]:
-    """Return one column per axis; ``{}`` in the name stands for it."""
-    return {name.format(axis): kind for axis in AXES}
-
-
-BELT_TRACKS = Table(
-    "belt tracks",
-    frame=int,  # time step, counted from 0
-    particle=int,
-    time_s=float,  # s, time of the frame
-    x=float,  # mm, along the belt
-    y=float,  # mm, across the belt
-)
-
-MEASURED = Table("measured", frame=int, x=float, y=float)  # same axes as `BELT_TRACKS`
-
-BELT_LAST = Table(
-    "last observation before the prediction phase",
-    particle=int,
-    time_s=float,  # s, t_Last; all others at that time
-    x=float,  # mm
-    y=float,
-    velocity_x_mm_s=float,
-    velocity_y_mm_s=float,
-    acceleration_x_mm_s2=float,
-    acceleration_y_mm_s2=float,
-)
-
-BELT_ARRIVAL = Table(
-    "arrivals at the prediction target",
-    particle=int,
-    time_s=float,  # s, t_Ref, interpolated as in Fig. 5 of the 2020 paper
-    y=float,  # mm, lateral position at t_Ref
-    velocity_y_mm_s=float,  # across the target
-)
-
-BELT_PREDICTED = Table(
-    "predicted arrivals",
-    particle=int,  # or track
-    time_s=GAPS,  # s, predicted time at the valves
-    y=GAPS,  # mm, predicted place across the belt
-)
-
-VALVE_EVENTS = Table(
-    "valve events",
-    valve=int,  # counted from 0 at y = 0
-    open_s=float,  # s, time of that command; the air comes later
-    close_s=float,
-)
-
-BELT_SPOTS = Table(
-    "particles in the pictures of the belt's camera",
-    frame=int,  # frame of the camera, counted from 0
-    row=float,  # px, centroid, counted down and to the right from 0
-    col=float,
-    area_px=float,  # px^2, number of its pixels
-    touching=int,  # 1: larger than one particle, several may touch
-    x=float,  # mm, along the belt, by the calibration
-    y=float,  # mm, across
-)
-
-BELT_STATES = Table(
-    "states of the tracks on the belt",
-    frame=int,  # frame of the camera
-    particle=int,  # track
-    row=int,  # row of the table of detections; -1: missed, predicted only
-    valid=int,  # 1: the score has reached the upper threshold
-    score=float,  # log likelihood ratio of particle against dirt
-    x=float,  # mm, filtered, like all that follow
-    y=float,
-    velocity_x_mm_s=float,
-    velocity_y_mm_s=float,
-    acceleration_x_mm_s2=float,  # 0 for a filter without it
-    acceleration_y_mm_s2=float,
-)
-
-BELT_ENDS = Table(
-    "ends of the tracks on the belt",
-    particle=int,  # track
-    frame=int,  # its last frame
-    valid=int,  # 1: its score has ever reached the upper threshold
-)
-
-DETECTIONS = Table(
-    "detections",
-    frame=int,  # number of the frame in its recording
-    row=float,  # px, centre, counted down and to the right from 0
-    col=float,
-    radius_px=float,  # px, of the disc that it covers
-    gray=float,  # mean grey value of the frame within that disc
-    x=GAPS,  # mm, mean of its points, camera coordinates, calibrated
-    y=GAPS,
-    z=GAPS,
-    points=int,  # number of its points in space; 0: x, y, z are missing
-    case=int,  # case of chapter 3.1 that decided it; 0: found in the picture alone
-)
-PLACES = Table("places", x=GAPS, y=GAPS, z=GAPS)
-TO_TRACK = Table("detections to track", frame=int, row=float, col=float, z=GAPS)
-
-TRACKED = Table("tracks", particle=int, frame=int, row=float, col=float)
-
-TRAJECTORIES = Table(
-    "regressed trajectories",
-    particle=int,  # track
-    outcome=str,  # fitted, no depth or too few points
-    points=int,  # number of its detections with depth
-    first_s=GAPS,  # s, time of the first of them
-    last_s=GAPS,
-    t0_s=GAPS,  # s, time at the lance's outlet
-    t0_earliest_s=GAPS,  # s, ends of the range of t0
-    t0_latest_s=GAPS,
-    t0_at_bound=int,  # -1: t0 is the earliest, 1: the latest, 0: between
-    **_by_axis("exit_{}", GAPS),  # mm, the lance's outlet
-    **_by_axis("order_{}", int),  # order of the polynomial, 0: none
-    **{
-        f"coefficient_{axis}_{k}": GAPS  # mm/s^k, of (t - t0)^k
-        for k in range(1, HIGHEST_ORDER + 1)
-        for axis in AXES
-    },
-    **_by_axis("rmse_{}_mm", GAPS),  # Eq. 4.30, thesis
-    **_by_axis("mape_{}_percent", GAPS),  # Eq. 4.31
-    **_by_axis("r2_{}", GAPS),  # Eq. 4.32
-    **_by_axis("r2_adjusted_{}", GAPS),  # Eq. 4.33
-)
-
-FLIGHTS = Table(
-    "flights",
-    particle=int,  # track of the flight
-    t0_s=float,  # s on the recording's clock, like the next three
-    first_s=float,
-    last_s=float,
-    end_s=float,
-    dwell_s=float,  # end_s - t0_s; a lower bound if it left or was lost
-    ending=str,  # landed, burnt out, left the view or lost
-    from_lance=bool,  # whether it starts at the lance
-    start_mm=float,  # distance of its first positions from the lance
-    ignition=str,  # seen, none or too few points
-    ignition_s=GAPS,  # counted from t0_s; NaN unless ignition was seen
-    refused=str,  # reason for rejection; empty if accepted
-)
-
-SLICES = Table(
-    "space-sliced velocities",
-    particle=int,  # track
-    slice_m=float,  # far end of the slice from the lance; below 0: behind it
-    velocity_m_s=float,  # V_n of Eq. 5.8; below 0: away from the camera
-    observed=bool,  # whether it was reached after the first detection
-)
+KINDS = {"whole": int, "number": float, "gaps": GAPS, "text": str, "flag": bool}
+# A row of tables.csv is a column: its table, name, kind, and unit with meaning.
+_COLUMNS: Any = pd.read_csv(Path(__file__).with_name("tables.csv"), index_col="column")
+TABLES = {
+    name: Table(name, **rows["kind"].map(KINDS))
+    for name, rows in _COLUMNS.groupby("table", sort=False)
+}
+BELT_TRACKS = TABLES["belt tracks"]
+MEASURED = TABLES["measured"]
+BELT_LAST = TABLES["last observation before the prediction phase"]
+BELT_ARRIVAL = TABLES["arrivals at the prediction target"]
+BELT_PREDICTED = TABLES["predicted arrivals"]
+VALVE_EVENTS = TABLES["valve events"]
+BELT_SPOTS = TABLES["particles in the pictures of the belt's camera"]
+BELT_STATES = TABLES["states of the tracks on the belt"]
+BELT_ENDS = TABLES["ends of the tracks on the belt"]
+DETECTIONS = TABLES["detections"]
+PLACES = TABLES["places"]
+TO_TRACK = TABLES["detections to track"]
+TRACKED = TABLES["tracks"]
+TRAJECTORIES = TABLES["regressed trajectories"]
+FLIGHTS = TABLES["flights"]
+SLICES = TABLES["space-sliced velocities"]
 
 
 def plain(table: pd.DataFrame) -> pd.DataFrame:

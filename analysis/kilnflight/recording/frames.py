@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Array, ArrayLike, Gray, Picture, Single
+from kilnflight.arrays import Array, ArrayLike, Gray, Integers, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import (
     LARGEST_WHOLE,
@@ -63,9 +62,7 @@ class Frame:
     index: int
     time_s: float
     gray: Gray
-    pixels: npt.NDArray[np.int32] = field(
-        default_factory=lambda: np.empty((0, 2), np.int32)
-    )
+    pixels: Integers = field(default_factory=lambda: np.empty((0, 2), np.int32))
     xyz: Single = field(default_factory=lambda: np.empty((0, 3), np.float32))
     labels: Picture | None = None
 
