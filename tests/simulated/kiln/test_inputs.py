@@ -48,11 +48,17 @@ def test_the_listed_inputs_are_those_of_the_code():
     for kind in scenes.COUNTS:
         others |= {f"labelled {kind}.counts": scenes.COUNTS[kind]}
         others |= {f"labelled {kind}.shares": feeding.MIXTURES[kind]}
-    for name in fuel.FRACTIONS:
-        others |= {
-            f"{name}.window": scenes.WINDOWS[name],
-            f"{name}.frames": scenes.LENGTHS[name],
-        }
+    papers = scenes.RECORDED["confetti"]
+    granules = scenes.RECORDED["PE granule"]
+    others |= {
+        "scenes.RATE_HZ": papers["rate_hz"],
+        "scenes.PE_RATE_HZ": granules["rate_hz"],
+        "scenes.PE_EXPOSURE_S": granules["exposure_s"],
+    }
+    for name, recorded in scenes.RECORDED.items():
+        window = recorded["trajectories"], recorded["window"]
+        frames = recorded["frames_4.5_bar"], recorded["frames_5.0_bar"]
+        others |= {f"{name}.window": window, f"{name}.frames": frames}
     for name, text in zip(TABLE["name"], TABLE["value"], strict=True):
         of, _, key = name.rpartition(".")
         value = others[name] if name in others else getattr(known[of], key)

@@ -55,7 +55,7 @@ def test_bodies_are_darker_than_the_wall_behind_them(fraction):
 
 
 def test_no_unlit_particle_reaches_full_scale():
-    for optics in (OPTICS, replace(OPTICS, exposure_s=scenes.PE_EXPOSURE_S)):
+    for optics in (OPTICS, scenes.campaign("PE granule", 4.5).optics):
         looks = draw_looks(np.repeat(list(FRACTIONS), 500), optics, 2)
         brightest = looks.level * (1 + optics.tumble) * optics.at_wall
         assert brightest.max() <= FULL_SCALE * (1 + 1e-9)

@@ -16,6 +16,7 @@ from kilnflight.simulated.kiln import scenes, truth
 from kilnflight.simulated.kiln.background import Background, Interior
 from kilnflight.simulated.kiln.feeding import LABELLED
 from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.simulated.kiln.laws import LAWS
 from kilnflight.simulated.kiln.lenses import LensCamera, LensWall
 from kilnflight.simulated.kiln.light import Optics
 
@@ -91,7 +92,8 @@ def test_scenes_have_the_published_lengths_and_rates():
     run = scenes.campaign("PE granule", 5.0)
     assert (run.frames, run.frame_rate_hz, run.pressure_bar) == (3113, 153.85, 5.0)
     assert scenes.campaign("wood chip", 4.5).frames == 3102
-    assert sum(sum(lengths) for lengths in scenes.LENGTHS.values()) == 24_892
+    campaigns = [scenes.campaign(*key) for key in LAWS]
+    assert sum(campaign.frames for campaign in campaigns) == 24_892
 
 
 def test_the_wall_has_as_many_points_as_asked_for_where_pixels_have_equal_contrast():

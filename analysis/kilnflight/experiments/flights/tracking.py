@@ -31,9 +31,9 @@ from kilnflight.experiments.flights.track_scores import (
     score_cell,
 )
 from kilnflight.scores.detections import pair
+from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.simulated.kiln.scenes import (
-    WINDOWS,
     campaign_name,
     scene_name,
     tracking_window,
@@ -124,7 +124,7 @@ def windows(
         One of `kilnflight.simulated.kiln.scenes.SCENARIOS`.
     """
     stored = []
-    for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
+    for fraction in SMOKE_FRACTIONS if scale == "quick" else FRACTIONS:
         name = scene_name(campaign_name(fraction, 4.5), scenario)
         source = TwinSource(name, seed)
         stored.append(
@@ -181,7 +181,7 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     fraction's number. So all cells of a window draw the same true trajectories, and
     their differences are paired.
     """
-    fractions = list(WINDOWS)
+    fractions = list(FRACTIONS)
     trackers = list(dict.fromkeys(name for _, name in tracked))
     by_fraction = {window.fraction: window for window in windows}
     found = dict[Key, Scored]()

@@ -1,12 +1,14 @@
 """The four fractions: sizes of single particles.
 
 The thesis shows the fractions beside a scale (Fig. 2.7) and prints no sizes. The ranges
-are those of handbooks and products, as the comments say; sizes are drawn uniformly from
-them.
+are those of handbooks and products, as the comment says; sizes are drawn uniformly from
+them. fuel.csv has a fraction a row.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +16,7 @@ import pandas as pd
 from kilnflight.arrays import Flags
 
 Range = tuple[float, float]
+_SIZES = ["length_mm", "width_mm", "thickness_mm"]
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,8 @@ class Fraction:
     length_mm: Range
     width_mm: Range
     thickness_mm: Range
-    sheet: bool = False
-    round: bool = False
+    sheet: bool
+    round: bool
 
     def draw(self, count: int, generator: np.random.Generator) -> pd.DataFrame:
         """Draw a table of particles: their ``fraction`` and sizes in mm."""
@@ -45,46 +48,16 @@ class Fraction:
         sizes = generator.uniform(low, high, (count, 3))
         if self.round:
             sizes[:, 1] = sizes[:, 0]
-        table = pd.DataFrame(sizes, columns=["length_mm", "width_mm", "thickness_mm"])
+        table = pd.DataFrame(sizes, columns=_SIZES)
         table.insert(0, "fraction", self.name)
         return table
 
 
-_KINDS = (
-    # The sizes are those of Fig. 2.7.
-    Fraction(
-        name="wood chip",
-        length_mm=(8.0, 18.0),
-        width_mm=(4.0, 10.0),
-        thickness_mm=(1.2, 3.0),
-    ),
-    # A hole punch makes these discs of office paper.
-    Fraction(
-        name="confetti",
-        length_mm=(5.0, 6.0),
-        width_mm=(5.0, 6.0),
-        thickness_mm=(0.095, 0.105),
-        sheet=True,
-        round=True,
-    ),
-    # A cross-cut shredder makes these of office paper.
-    Fraction(
-        name="paper shred",
-        length_mm=(20.0, 45.0),
-        width_mm=(4.0, 8.0),
-        thickness_mm=(0.095, 0.105),
-        sheet=True,
-    ),
-    # Data sheets give these sizes for LDPE and HDPE granules.
-    Fraction(
-        name="PE granule",
-        length_mm=(3.0, 4.8),
-        width_mm=(3.0, 4.8),
-        thickness_mm=(3.0, 4.8),
-        round=True,
-    ),
-)
-FRACTIONS = {kind.name: kind for kind in _KINDS}
+# Sizes of wood are those of Fig. 2.7. A hole punch and a cross-cut shredder make the
+# papers, of office paper. Data sheets have those of LDPE and HDPE granules.
+_TABLE: Any = pd.read_csv(Path(__file__).with_name("fuel.csv"))
+_TABLE[_SIZES] = _TABLE[_SIZES].map(lambda text: tuple(map(float, text.split())))
+FRACTIONS = {row["name"]: Fraction(**row) for row in _TABLE.to_dict("records")}
 
 
 def are_sheets(fractions: Iterable[str]) -> Flags:

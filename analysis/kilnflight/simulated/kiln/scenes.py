@@ -9,8 +9,11 @@ of Table 5.15.
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from kilnflight.arrays import Index
 from kilnflight.checks import InputError
@@ -22,9 +25,6 @@ from kilnflight.simulated.kiln.scene import Scene, Twin
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
 FRAMES = 160  # length of a subset
-RATE_HZ = 330.0  # sec. 2.1.4
-PE_RATE_HZ = 153.85
-PE_EXPOSURE_S = 6.0e-3  # small transparent granules need light (sec. 5.2.3)
 # Labelled particles in ten frames: all (Table 5.2), and within the region of interest
 # (Table 5.3)
 COUNTS: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {
@@ -33,24 +33,14 @@ COUNTS: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {
     ON_WALL: ((248, 469, 313, 631, 120), (179, 188, 123, 362, 48)),
 }
 
-# Windows of Table 5.15: trajectories and frames. A trajectory counts when any part lies
-# in the window. `STARTS` are the first frames in the thesis's recordings.
-WINDOWS: dict[str, tuple[int, int]] = {
-    "wood chip": (7, 300),
-    "confetti": (37, 300),
-    "paper shred": (32, 100),
-    "PE granule": (25, 300),
-}
-STARTS = {"wood chip": 100, "confetti": 200, "paper shred": 550, "PE granule": 200}
+# scenes.csv has a fraction a row. Frame rate and exposure: small transparent granules
+# need light (secs 2.1.4 and 5.2.3). Windows of Table 5.15: trajectories, frames, and
+# the first frame in the thesis's recordings; a trajectory counts when any part lies in
+# the window. Frames of the recordings at 4.5 and 5 bar (appendix A.1).
+_TABLE: Any = pd.read_csv(Path(__file__).with_name("scenes.csv"), index_col="fraction")
+RECORDED: dict[str, dict[str, Any]] = _TABLE.to_dict("index")
 LASTING = 15  # frames, as `kilnflight.experiments.flights.track_scores.lasting` has
 DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
-# Frames at 4.5 and 5 bar (appendix A.1).
-LENGTHS: dict[str, tuple[int, int]] = {
-    "wood chip": (3102, 3234),
-    "confetti": (3126, 3286),
-    "paper shred": (3000, 3002),
-    "PE granule": (3029, 3113),
-}
 
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
@@ -86,16 +76,12 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     seed
         Another seed gives other particles in the same kiln.
     """
-    rate = RATE_HZ
-    optics = Optics()
-    if fraction == "PE granule":
-        rate = PE_RATE_HZ
-        optics = Optics(exposure_s=PE_EXPOSURE_S)
     row = list(FRACTIONS).index(fraction)
     column = PRESSURES_BAR.index(pressure_bar)
-    frames = LENGTHS[fraction][column]
-    trajectories, window = WINDOWS[fraction]
-    per_second = trajectories / (window / rate + DWELL_S)
+    recorded = RECORDED[fraction]
+    rate = recorded["rate_hz"]
+    frames = recorded[f"frames_{pressure_bar:.1f}_bar"]
+    per_second = recorded["trajectories"] / (recorded["window"] / rate + DWELL_S)
     return Scene(
         name=campaign_name(fraction, pressure_bar),
         frames=frames,
@@ -105,7 +91,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         pressure_bar=pressure_bar,
         count=round(per_second * (frames / rate + LEAD_S)),
         calibration=seed,
-        optics=optics,
+        optics=Optics(exposure_s=recorded["exposure_s"]),
     )
 
 
@@ -161,8 +147,8 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
     by_starts
         All flights that start count in all windows, cut or not.
     """
-    fraction = twin.scene.fraction
-    trajectories, length = WINDOWS[fraction]
+    recorded = RECORDED[twin.scene.fraction]
+    length = recorded["window"]
     starts = np.arange(0, len(twin) - length + 1, 10)
     started, whole = started_and_whole(twin, starts, length)
     counted = whole
@@ -171,8 +157,8 @@ def tracking_window(twin: Twin, by_starts: bool = False) -> range:
         counted = started
     if by_starts:
         cut = np.zeros_like(started)
-    far = np.abs(starts - STARTS[fraction])
-    best = np.lexsort((far, cut, np.abs(counted - trajectories)))[0]
+    far = np.abs(starts - recorded["start"])
+    best = np.lexsort((far, cut, np.abs(counted - recorded["trajectories"])))[0]
     start = int(starts[best])
     return range(start, start + length)
 
