@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 import kilnflight
-from kilnflight.__main__ import COMMANDS, FORMS, main
+from kilnflight.__main__ import COMMANDS, LISTED, main
 from kilnflight.recording.store import open_recording
 
 TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
@@ -129,7 +129,7 @@ def test_the_version_and_every_command_explain_themselves(capsys):
 
 
 @pytest.mark.filterwarnings("default")  # the command prints them
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", LISTED["arguments"]["--format"]["choices"])
 def test_a_flight_is_tracked_in_any_form(form, tmp_path, capsys):
     flight = pd.DataFrame({"x": 40.0, "frame": np.arange(6.0), "y": np.arange(6) * 9.0})
     flight.to_csv(tmp_path / "d.csv", index=False)

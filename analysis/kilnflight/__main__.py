@@ -3,6 +3,7 @@
 import argparse
 import os
 import signal
+import tomllib
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,87 +12,14 @@ from kilnflight import __version__
 
 # The modules of a command are imported when it runs: they take time to load.
 
-FORMS = ("csv", "trackpy", "trackmate", "napari", "btrack", "laptrack", "challenge")
-# Arguments with a value: its type, its name in the help, and the help.
-VALUES: dict[str, Any] = {
-    "recording": (str, "PATH", "film, stack, folder, pattern, array, manifest, Zarr"),
-    "--channel": (str, "COLOUR", "red, green or blue (default: what varies most)"),
-    "--rate": (float, "HZ", "frames per second (default: as the film states)"),
-    "--scale": (float, "UM", "um per px (default: as the film states)"),
-    "--mask": (Path, "PICTURE", "pixels that are 0 in it are not searched"),
-    "--to": (Path, "PATH", "folder or picture to write; a stopped run goes on there"),
-    "--detector": (
-        str,
-        "NAME",
-        "dog for round spots (default), otsu for areas of any form",
-    ),
-    "--background": (
-        str,
-        "NAME",
-        "median of the frames around, or none (default: what fits)",
-    ),
-    "--threshold": (float, "GREY", "default: from the noise"),
-    "--size": (float, "PX", "diameter of the particles (default: of any size)"),
-    "--max-step": (float, "PX", "longest step in a frame"),
-    "--memory": (int, "N", "frames that a track may miss (default: 5)"),
-    "--in-air-mm": (float, "MM", "from the kiln's axis"),
-    "--jobs": (int, "N", "processes side by side (default: 1)"),
-    "--scheduler": (str, "ADDRESS", "Dask cluster that detects in their place"),
-    "detections": (Path, "TABLE", "frame, row, col or x, y (px); or label pictures"),
-    "tracks": (Path, "FILE", "tracks to write"),
-    "scene": (str, "SCENE", "such as confetti-4.5-bar; an unknown name lists all"),
-    "folder": (Path, "FOLDER", "folder to write"),
-    "--seed": (int, "N", "of the simulation (default: the scene's own)"),
+LISTED = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
+# What words of commands.toml stand for.
+WORDS: dict[Any, Any] = {
+    "int": int,
+    "float": float,
+    "path": Path,
+    "yes or no": argparse.BooleanOptionalAction,
 }
-# Other arguments, as `argparse.ArgumentParser.add_argument` takes them.
-ARGUMENTS: dict[str, Any] = {
-    name: {"type": kind, "metavar": value, "help": told}
-    for name, (kind, value, told) in VALUES.items()
-} | {
-    "recordings": {
-        "nargs": "+",
-        "metavar": "PATH",
-        "help": "films as for import; each of several gets a folder in that of --to",
-    },
-    "--dark": {
-        "action": "store_true",
-        "help": "particles are darker than the background",
-    },
-    "--roi": {
-        "type": int,
-        "nargs": 4,
-        "metavar": "N",
-        "help": "rows from, to; columns from, to",
-    },
-    "--frames": {
-        "type": int,
-        "nargs": 2,
-        "metavar": ("A", "B"),
-        "help": "A to B, B left out",
-    },
-    "--post-processing": {
-        "action": argparse.BooleanOptionalAction,
-        "help": "default: with depth and a lance",
-    },
-    "--jpda": {
-        "action": "store_true",
-        "help": "associate by JPDA instead of GNN; slower",
-    },
-    "--format": {"choices": FORMS, "default": "csv", "help": "of FILE (default: csv)"},
-}
-STATED = ("--channel", "--rate", "--scale", "--mask")
-OPENED = ("recording", *STATED)
-FOUND = (
-    "--detector",
-    "--background",
-    "--threshold",
-    "--dark",
-    "--size",
-    "--roi",
-    "--frames",
-)
-LINKED = ("--max-step", "--memory", "--post-processing")
-WORKED = ("--in-air-mm", "--jobs", "--scheduler")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -258,29 +186,38 @@ def _run(options: argparse.Namespace) -> None:
         raise InputError("\n".join(failed))
 
 
-COMMANDS: dict[str, Any] = {  # function and arguments
-    "info": (_info, OPENED),
-    "import": (_import, (*OPENED, "--to")),
-    "export": (_export, ("scene", "folder", "--frames", "--seed")),
-    "preview": (_preview, (*OPENED, "--to", *FOUND)),
-    "track": (_track, ("detections", "tracks", *LINKED, "--jpda", "--format")),
-    "run": (_run, ("recordings", *STATED, "--to", *FOUND, *LINKED, *WORKED)),
+COMMANDS: dict[str, Any] = {
+    "info": _info,
+    "import": _import,
+    "export": _export,
+    "preview": _preview,
+    "track": _track,
+    "run": _run,
 }
 
 
 def _parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+    """Return the parser of all commands."""
     parser = argparse.ArgumentParser(prog="kilnflight", description=main.__doc__)
     version = f"kilnflight {__version__}"
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (function, arguments) in COMMANDS.items():
+    for name, arguments in LISTED["commands"].items():
+        function = COMMANDS[name]
         does = function.__doc__
         added = commands.add_parser(name, help=does, description=does)
         added.set_defaults(function=function)
         for argument in arguments:
-            added.add_argument(argument, **ARGUMENTS[argument])
+            given = LISTED["arguments"][argument].items()
+            added.add_argument(argument, **{key: _value(each) for key, each in given})
     return parser
+
+
+def _value(given: Any) -> Any:
+    """Return a value of commands.toml as argparse takes it."""
+    if isinstance(given, list):
+        return tuple(given)
+    return WORDS.get(given, given)
 
 
 if __name__ == "__main__":

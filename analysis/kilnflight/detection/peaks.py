@@ -19,7 +19,7 @@ import cv2
 import numba
 import numpy as np
 
-from kilnflight.arrays import Array, Flags, Integers, Single, Whole
+from kilnflight.arrays import Array, Flags, Integers, Single
 from kilnflight.detection.disjoint import find_root
 
 # Multiple of the noise by which a peak must stand out; ours. In an area of noise alone,
