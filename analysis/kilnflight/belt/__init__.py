@@ -37,5 +37,3 @@ lateral     equation    parameter from calibration                   reference
 
 from kilnflight.belt.models import ARRIVAL_MODELS, COMBINATIONS, LATERAL_MODELS
 from kilnflight.belt.phase import PredictionPhase
-
-__all__ = ["ARRIVAL_MODELS", "COMBINATIONS", "LATERAL_MODELS", "PredictionPhase"]

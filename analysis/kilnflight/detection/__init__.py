@@ -28,17 +28,11 @@ their first point (`DBSCAN`: first core point, as scikit-learn does).
 from collections.abc import Callable
 
 from kilnflight.arrays import Array, ArrayLike, Index
-from kilnflight.detection.dbscan import DBSCAN as DBSCAN
-from kilnflight.detection.dbscan import k_distances as k_distances
-from kilnflight.detection.morphology import (
-    MorphologicalClustering as MorphologicalClustering,
-)
-from kilnflight.detection.otsu import Otsu as Otsu
-from kilnflight.detection.quasi_centers import (
-    QuasiClusterCenters as QuasiClusterCenters,
-)
-from kilnflight.detection.sift import DoG as DoG
-from kilnflight.detection.sift import Polygon as Polygon
+from kilnflight.detection.dbscan import DBSCAN, k_distances
+from kilnflight.detection.morphology import MorphologicalClustering
+from kilnflight.detection.otsu import Otsu
+from kilnflight.detection.quasi_centers import QuasiClusterCenters
+from kilnflight.detection.sift import DoG, Polygon
 
 Clusterer = Callable[[ArrayLike], Index]
 # Takes a foreground and, if not all of it is searched, a polygon; returns row, col and

@@ -17,9 +17,3 @@ from kilnflight.flight.table import (
     kept,
 )
 from kilnflight.flight.velocity import reaching, slices, space_sliced_velocity
-
-__all__ = [
-    "BEHIND", "BURNT_OUT", "LANDED", "LEAVES", "LEFT", "LOST", "TOO_FAST",
-    "FieldOfView", "Plausible", "Rules", "flights", "kept", "reaching", "slices",
-    "space_sliced_velocity", "straight_on",
-]  # fmt: skip

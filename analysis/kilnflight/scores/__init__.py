@@ -18,11 +18,3 @@ from kilnflight.scores.detections import (
     score_in_pixels,
 )
 from kilnflight.scores.tracks import score_tracks
-
-__all__ = [
-    "count_in_air",
-    "rates",
-    "score_detections",
-    "score_in_pixels",
-    "score_tracks",
-]

@@ -4,5 +4,3 @@ In one loop over frames: predict, gate, associate, update.
 """
 
 from kilnflight.tracking.tracker import track
-
-__all__ = ["track"]

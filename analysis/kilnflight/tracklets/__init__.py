@@ -79,9 +79,3 @@ def postprocess(
     for step in steps:
         paths = step.apply(paths, differences)
     return write_paths(tracks, paths)
-
-
-__all__ = [
-    "STEPS", "Connection", "Cutting", "Elimination", "Fusion", "OutlierRemoval",
-    "postprocess", "tracked",
-]  # fmt: skip
