@@ -36,11 +36,11 @@ from kilnflight.belt.phase import (
 from kilnflight.belt.recordings import CAMERA_END_PX, MM_PER_PX, REAL_FRAME_S
 from kilnflight.belt.tracker import Appearance, BeltTracker, Followed
 from kilnflight.checks import InputError
-from kilnflight.experiments.belt import paper_2020, recorded
+from kilnflight.experiments.belt import paper_2020
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 
-files = recorded.find_recordings()
+files = paper_2020.find_recordings()
 absent = (
     "**The authors' recordings are not here**, nothing is shown; `make data` gets them."
 )

@@ -14,9 +14,9 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.flights.differences import StoredDifferences
-from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.ignition import Ignition
 from kilnflight.recording.buffer import FrameBuffer
+from kilnflight.simulated.kiln.scenes import TwinSource
 from kilnflight.store import paths
 from kilnflight.store.parallel import Workers
 from kilnflight.tables import DETECTIONS

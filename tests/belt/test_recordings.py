@@ -16,7 +16,7 @@ from kilnflight.belt.recordings import (
 )
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt import paper_2020
-from kilnflight.experiments.belt.recorded import find_recordings
+from kilnflight.experiments.belt.paper_2020 import find_recordings
 from kilnflight.publication import data, notebooks
 
 GOOD = (

@@ -13,19 +13,12 @@ import pandas as pd
 
 from kilnflight.publication import claims
 from kilnflight.scores import rates
+from kilnflight.simulated.kiln.scenes import RECORDED
 from kilnflight.store import paths
 
 COUNTS = ["TP", "FP", "FN"]
 RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
 SUBSETS = ["V1", "V2", "V3", "V4", "V5"]
-# Frames per second of the recordings (thesis 2.1.4; PE granules 5.2.3).
-FRAME_RATES = {
-    "wood chip": 330.0,
-    "confetti": 330.0,
-    "paper shred": 330.0,
-    "PE granule": 153.85,
-}
-
 QCC_CONSEQUENCE = "yes: see 'best F1 of QCC' and 'lead in F1 of QCC over DBSCAN'"
 MO_CONSEQUENCE = "no: Table 5.9 has 0.5970, which the printed F1 fits"
 RATE_CONSEQUENCES = {
@@ -216,9 +209,9 @@ def check_durations() -> Iterator[Check]:
     flight = claims.published("flight").query("quantity == 'sequence_length'")
     printed = flight["value_as_printed"].str.extract(r"\(([\d.]+) s\)", expand=False)
     for _, row in flight.assign(printed=printed).dropna(subset="printed").iterrows():
-        seconds = row["value_low"] / FRAME_RATES[row["fraction"]]
+        rate = RECORDED[row["fraction"]]["rate_hz"]
         where = f"App. A.1, {row['fraction']} at {row['pressure_bar']} bar"
-        check = _check(where, "duration_s", row["printed"], seconds)
+        check = _check(where, "duration_s", row["printed"], row["value_low"] / rate)
         yield check._replace(consequence="no")
 
 

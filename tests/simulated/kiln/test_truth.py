@@ -99,9 +99,11 @@ class Campaign(SimpleNamespace):
 
 def campaign(fraction, *flights, rate=100.0):
     release, end = np.transpose([np.array(flight) / rate for flight in flights])
-    table = pd.DataFrame({"release_s": release, "end_s": end - release})
+    flights = SimpleNamespace(end_s=end - release)
     scene = SimpleNamespace(name="x", fraction=fraction, frame_rate_hz=rate)
-    return Campaign(life=SimpleNamespace(table=table), scene=scene)
+    return Campaign(
+        life=SimpleNamespace(release_s=release, flights=flights), scene=scene
+    )
 
 
 def test_windows_hold_whole_flights_as_printed():

@@ -28,10 +28,11 @@ from kilnflight.belt.phase import (
     draw_particles,
     evaluate,
 )
-from kilnflight.belt.recordings import read_dem
+from kilnflight.belt.recordings import list_recordings, read_dem
 from kilnflight.checks import InputError
 from kilnflight.publication import claims, data, style
 from kilnflight.simulated.belt.friction import MATERIALS
+from kilnflight.store import paths
 
 # Sources of tracks, and the first line of a page on each.
 AUTHORS = "authors-dem"
@@ -80,6 +81,32 @@ def find_dem() -> dict[str, Path]:
             f"the authors' DEM tracks of {missing} are missing; run make data."
         )
     return there
+
+
+def find_recordings() -> dict[str, list[Path]]:
+    """Return the files of measured positions by material, empty if there are none.
+
+    The folder is ``KILNFLIGHT_RECORDINGS``, else ``belt_recordings`` beside the
+    authors' other data. Files in the latter must be the published ones (SHA-256), as
+    ``make data`` puts them.
+
+    Raises
+    ------
+    InputError
+        If the folder of the variable has none, or a file beside the authors' other data
+        is not the published one.
+    """
+    folder = paths.recordings()
+    published = paths.external() / data.RECORDINGS_FOLDER
+    files = list_recordings(folder)
+    if folder != published and not files:
+        raise InputError(f"KILNFLIGHT_RECORDINGS is {folder}, which has no recording.")
+    if folder == published:
+        for name in data.RECORDINGS:
+            for path in (published.parent / name, published.parent / f"{name}.gz"):
+                if path.is_file():
+                    data.check(path, name)
+    return files
 
 
 def load_tracks(

@@ -26,7 +26,6 @@ from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments.detection import labelled
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
 from kilnflight.experiments.flights.identified import BEYOND_CROSSING_MM
-from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.flight import (
     BEHIND,
     BURNT_OUT,
@@ -46,7 +45,9 @@ from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.simulated.kiln.scenes import (
     PRESSURES_BAR,
+    TwinSource,
     campaign_name,
+    flight_frames,
     scene_name,
 )
 from kilnflight.store.cache import CachedTable
@@ -210,13 +211,6 @@ def _run(source: TwinSource, scale: str, settings: LearnedSettings) -> Chain:
         in_air=InAir(settings.in_air_mm),
         rules=Rules(ignition=ignition, plausible=None),
     )
-
-
-def flight_frames(twin: Twin) -> tuple[Array, Array]:
-    """Return when the true flights (n,) begin and end, in frames."""
-    rate = twin.scene.frame_rate_hz
-    begin = twin.life.release_s * rate
-    return begin, begin + twin.life.flights.end_s * rate
 
 
 def busiest(begin: Array, end: Array, count: int, total: int) -> range:

@@ -14,7 +14,7 @@ from kilnflight import chain
 from kilnflight.arrays import Gray
 from kilnflight.background import BackgroundModel
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.flights.sources import TwinSource
+from kilnflight.simulated.kiln.scenes import TwinSource
 from kilnflight.store.cache import CachedTable, clear_parts, make_whole
 from kilnflight.tables import DETECTIONS
 

@@ -17,9 +17,8 @@ from kilnflight import tracklets
 from kilnflight.arrays import Whole
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
-from kilnflight.experiments.flights.campaigns import LearnedSettings, flight_frames
+from kilnflight.experiments.flights.campaigns import LearnedSettings
 from kilnflight.experiments.flights.differences import StoredDifferences
-from kilnflight.experiments.flights.sources import TwinSource
 from kilnflight.experiments.flights.track_scores import (
     GATE_PX,
     STAGES,
@@ -34,7 +33,9 @@ from kilnflight.scores.detections import pair
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.scene import Twin
 from kilnflight.simulated.kiln.scenes import (
+    TwinSource,
     campaign_name,
+    flight_frames,
     scene_name,
     tracking_window,
 )

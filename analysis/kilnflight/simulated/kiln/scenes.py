@@ -7,7 +7,8 @@ of Table 5.15.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Index
+from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
 from kilnflight.simulated.kiln.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.fuel import FRACTIONS
@@ -95,6 +96,13 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     )
 
 
+def flight_frames(twin: Twin) -> tuple[Array, Array]:
+    """Return when the true flights (n,) begin and end, in frames."""
+    rate = twin.scene.frame_rate_hz
+    begin = twin.life.release_s * rate
+    return begin, begin + twin.life.flights.end_s * rate
+
+
 def started_and_whole(twin: Twin, starts: Index, length: int) -> tuple[Index, Index]:
     """Count the flights that start within so many frames of each start, and whole ones.
 
@@ -116,10 +124,7 @@ def started_and_whole(twin: Twin, starts: Index, length: int) -> tuple[Index, In
         Flights that start in each window, and those of them that also end in it.
     """
     begin = starts[:, None]
-    table = twin.life.table
-    rate = twin.scene.frame_rate_hz
-    released = table["release_s"].to_numpy() * rate
-    ended = released + table["end_s"].to_numpy() * rate
+    released, ended = flight_frames(twin)
     seen = np.minimum(ended, begin + length) - released
     started = (released >= begin) & (seen >= LASTING)
     whole = started & (ended < begin + length)
@@ -262,3 +267,18 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     for scenario in scenarios:
         scene = SCENARIOS[scenario](scene)
     return Twin(replace(scene, name=scene_name(plain, joined or "base")))
+
+
+@dataclass(frozen=True)
+class TwinSource:
+    """A simulated recording by name and seed, opened by each process for itself."""
+
+    name: str
+    seed: int = 0
+
+    def recording(self) -> Twin:
+        """Return the recording with its truth; the last two stay in memory."""
+        return _scene(self.name, self.seed)
+
+
+_scene = lru_cache(maxsize=2)(open_scene)  # a scene takes a second
