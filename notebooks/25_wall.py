@@ -34,7 +34,7 @@ from kilnflight.experiments import plots
 from kilnflight.experiments.detection import labelled, summaries
 from kilnflight.experiments.flights import identified
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.scores import count_in_air, rates, score_detections
+from kilnflight.scores import rates, score_detections
 from kilnflight.simulated.kiln.feeding import LABELLED
 
 # %%
@@ -191,6 +191,39 @@ figures.save(
 # %%
 thresholds["all_in_air"] = 10_000.0  # mm from the axis: no particle is as far
 roi = subsets[0].recording.attributes.roi
+
+
+def count_in_air(score, truth_in_air, detected_in_air):
+    """Return TP, FP and FN of one frame's classification as in the air.
+
+    As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is
+    classified as such. FP is any other detection classified as in the air, on the wall
+    or spurious. FN is any other particle in the air, classified as on the wall or not
+    detected. Table 5.13 takes the score of the truth against itself.
+
+    Parameters
+    ----------
+    score
+        Assignment of detections to particles.
+    truth_in_air, detected_in_air
+        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D,
+        in the rows of the arrays that were scored. Those without 3D are False and so
+        "not taken into consideration" (section 5.1.4).
+
+    Returns
+    -------
+    dict
+        Counts by "tp", "fp", "fn"; the input of `rates`.
+    """
+    flies = np.asarray(truth_in_air, dtype=bool)
+    classified = np.asarray(detected_in_air, dtype=bool)
+    particle, detection = score.pairs.T
+    tp = np.count_nonzero(flies[particle] & classified[detection])
+    positives = np.append(detection, score.spurious)
+    particles = np.append(particle, score.missed)
+    fp = np.count_nonzero(classified[positives]) - tp
+    fn = np.count_nonzero(flies[particles]) - tp
+    return {"tp": tp, "fp": fp, "fn": fn}
 
 
 def count_frame(spots, particles, subset, frame, limit):

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.scores import count_in_air, score_detections, score_in_pixels
+from kilnflight.publication import notebooks
+from kilnflight.scores import score_detections, score_in_pixels
 from kilnflight.scores.detections import pair, particle_centroids
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
@@ -98,6 +99,7 @@ def test_a_detection_in_the_pixels_of_a_particle_counts_once():
 
 
 def test_particles_in_the_air_are_counted_as_in_tables_5_13_and_5_14():
+    count_in_air = notebooks.borrow("25_wall").count_in_air
     truth = [(0, 0), (0, 100), (100, 0), (100, 100), (200, 200)]
     flies = [True, True, True, False, False]
     itself = score_detections(truth, truth)

@@ -5,14 +5,12 @@ call                equation     result
 ==================  ===========  ============================================
 `score_detections`  3.1 to 3.4   detections that are particles, by a gate
 `score_in_pixels`   sec. 5.1.1   the same, by the particles' labelled pixels
-`count_in_air`      sec. 5.1.4   detections classified as in the air
 `rates`             3.1 to 3.3   counts -> precision, recall, F1
 `score_tracks`      5.1 to 5.7   alpha, beta, JSC, JSC_theta, HOTA, MOTA of tracks
 ==================  ===========  ============================================
 """
 
 from kilnflight.scores.detections import (
-    count_in_air,
     rates,
     score_detections,
     score_in_pixels,

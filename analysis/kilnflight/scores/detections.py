@@ -243,38 +243,3 @@ def pair(first: Array, second: Array, gate: float) -> Index:
     missed = np.full(len(first), 1.0 + gate * min(len(first), len(second)))
     taken = near[assign(near["i"], near["j"], near["v"], missed)]
     return np.stack([taken["i"], taken["j"]], axis=1)
-
-
-def count_in_air(
-    score: FrameScore, truth_in_air: ArrayLike, detected_in_air: ArrayLike
-) -> dict[str, Any]:
-    """Return TP, FP and FN of one frame's classification as in the air.
-
-    As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is
-    classified as such. FP is any other detection classified as in the air, on the wall
-    or spurious. FN is any other particle in the air, classified as on the wall or not
-    detected. Table 5.13 takes the score of the truth against itself.
-
-    Parameters
-    ----------
-    score
-        Assignment of detections to particles.
-    truth_in_air, detected_in_air
-        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D,
-        in the rows of the arrays that were scored. Those without 3D are False and so
-        "not taken into consideration" (section 5.1.4).
-
-    Returns
-    -------
-    dict
-        Counts by "tp", "fp", "fn"; the input of `rates`.
-    """
-    flies = np.asarray(truth_in_air, dtype=bool)
-    classified = np.asarray(detected_in_air, dtype=bool)
-    particle, detection = score.pairs.T
-    tp = np.count_nonzero(flies[particle] & classified[detection])
-    positives = np.append(detection, score.spurious)
-    particles = np.append(particle, score.missed)
-    fp = np.count_nonzero(classified[positives]) - tp
-    fn = np.count_nonzero(flies[particles]) - tp
-    return {"tp": tp, "fp": fp, "fn": fn}
