@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tests.definitions import otsu
 
-from kilnflight.checks import InputError
 from kilnflight.detection import DoG, Otsu
 from kilnflight.detection.otsu import flame_mask, otsu_threshold
 
@@ -60,6 +59,3 @@ def test_the_flame_is_what_is_bright_in_its_rectangle():
     assert flame.shape == gray.shape
     assert flame.sum() == flame[12:20, 22:30].sum() == 64
     assert not flame_mask(np.full((9, 9), 65535, np.uint16), (0, 9, 0, 9)).any()
-    for wrong in ((0, 41, 0, 10), (5, 5, 0, 10), (-1, 5, 0, 10), (0, 5, 9, 3)):
-        with pytest.raises(InputError, match="rectangle"):
-            flame_mask(gray, wrong)

@@ -198,12 +198,8 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
     gray
         (rows, cols), grey values of one frame.
     rectangle
-        First row, row after the last, first column, column after the last, in px.
-
-    Raises
-    ------
-    InputError
-        If the rectangle is empty or not inside the image.
+        First row, row after the last, first column, column after the last, in px, as
+        `kilnflight.Attributes` has checked it.
 
     Notes
     -----
@@ -212,11 +208,6 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
     one grey value has no flame.
     """
     top, bottom, left, right = rectangle
-    if not (0 <= top < bottom <= gray.shape[0] and 0 <= left < right <= gray.shape[1]):
-        raise InputError(
-            f"flame_mask: rectangle {rectangle} is not inside the image of "
-            f"{gray.shape[0]} x {gray.shape[1]}; give row0 < row1 and col0 < col1."
-        )
     flame = np.zeros(gray.shape, dtype=bool)
     part = gray[top:bottom, left:right]
     above = part > otsu_threshold(part)

@@ -36,7 +36,6 @@ from kilnflight.belt.tracker import (
 )
 from kilnflight.scores.intervals import percentiles
 from kilnflight.simulated.belt.rendering import Pictures, at_rate
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 # The last 10 cm of the belt (section IV).
 PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)
@@ -226,11 +225,10 @@ def deviations(
         predicted, except the place of `STRAIGHT`.
     """
     lateral = Straight() if approach == STRAIGHT else LateralCV()
-    predicted = predict_arrivals(BELT_LAST.check(last), CV(), lateral, target_mm)
+    predicted = predict_arrivals(last, CV(), lateral, target_mm)
     if approach == STRAIGHT:
         predicted["time_s"] = np.nan
-    true = BELT_ARRIVAL.check(arrival)
-    table = predicted.merge(true, on="particle", suffixes=("", "_true"))
+    table = predicted.merge(arrival, on="particle", suffixes=("", "_true"))
     return pd.DataFrame(
         {
             "approach": approach,

@@ -38,7 +38,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         ``particle``; ``true_ending``; ``true_dwell_s`` (NaN if it neither landed nor
         burnt out); ``true_velocity_m_s`` within the first metre; ``true_ignition_s``
         after the release (NaN: never); ``measurable``: visible in the air at five
-        positions or more (`kilnflight.simulated.kiln.truth.true_trajectories`).
+        positions or more (`kilnflight.experiments.flights.campaigns.true_positions`).
     """
     life = campaigns.twin_of(campaign).life
     particle = life.table["particle"]

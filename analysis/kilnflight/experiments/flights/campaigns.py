@@ -360,7 +360,7 @@ def true_positions(campaign: Campaign) -> pd.DataFrame:
     The columns are those of `kilnflight.simulated.kiln.truth.sightings`. Particles with
     fewer than five positions are left out. The table is cached.
     """
-    return truth.true_trajectories(twin_of(campaign), campaign.frames)
+    return truth.followed(truth.kept_marks(twin_of(campaign), campaign.frames)())
 
 
 def whole_flights(campaign: Campaign) -> Flags:

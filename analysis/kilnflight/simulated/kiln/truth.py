@@ -133,11 +133,6 @@ def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
     return flying[long].reset_index(drop=True)
 
 
-def true_trajectories(twin: Twin, frames: range) -> pd.DataFrame:
-    """Return all visible positions of true trajectories in frames, noted or not."""
-    return followed(kept_marks(twin, frames)())
-
-
 def kept_marks(
     twin: Twin, frames: range, make: Callable[[Twin, range], pd.DataFrame] = marked
 ) -> CachedTable:
