@@ -46,89 +46,12 @@ store           files written whole: cached tables, folders, an index; processes
 import importlib
 import os
 import tempfile
+import tomllib
 from pathlib import Path
 
 __version__ = "0.2.0"
-# The public names by task, with the module that each is imported from on first use.
-PUBLIC = {
-    # open a film
-    "open": "recording.files:open_any",
-    "sample_film": "simulated.kiln.sample",
-    "Frame": "recording.frames",
-    "Attributes": "recording.frames",
-    "open_recording": "recording.store",
-    "write_recording": "recording.store",
-    "read_table": "recording.track_files",
-    "write_table": "recording.track_files",
-    "calibrate_depth": "camera",
-    "DepthCalibration": "camera",
-    # take the background off
-    "TwoFrame": "background",
-    "ThreeFrame": "background",
-    "Mean": "background",
-    "Median": "background",
-    "Adaptive": "background",
-    "RunningGaussian": "background",
-    # detect
-    "detect": "film.run",
-    "preview": "film.pictures",
-    "DoG": "detection",
-    "Otsu": "detection",
-    "DBSCAN": "detection",
-    "MorphologicalClustering": "detection",
-    "QuasiClusterCenters": "detection",
-    "Combination": "detection.combination",
-    "Cylinder": "detection.wall",
-    "fit_cylinder": "detection.wall",
-    "InAir": "detection.wall",
-    "inside": "detection.region",
-    # track
-    "track": "film.run:track_detections",
-    "plot_tracks": "film.pictures",
-    "NearestNeighbor": "association",
-    "GNN": "association",
-    "PDA": "association",
-    "JPDA": "association",
-    "joint_probabilities": "association",
-    "ConstantVelocity": "tracking.filter",
-    "Gate": "tracking.filter",
-    "Management": "tracking.tracker",
-    # join
-    "postprocess": "tracklets",
-    "Elimination": "tracklets",
-    "Connection": "tracklets",
-    "Fusion": "tracklets",
-    "OutlierRemoval": "tracklets",
-    "Cutting": "tracklets",
-    # fit, and measure flights
-    "regress": "regression",
-    "Regression": "regression",
-    "Fit": "regression",
-    "flights": "flight",
-    "kept": "flight",
-    "space_sliced_velocity": "flight",
-    "Ignition": "ignition",
-    # score
-    "score_detections": "scores",
-    "rates": "scores",
-    "score_tracks": "scores",
-    "TrackScore": "scores.tracks",
-    "square_displacements": "film.spreading",
-    "fit_spreading": "film.spreading",
-    # sort
-    "PredictionPhase": "belt",
-    "BeltTracker": "belt.tracker",
-    "ARRIVAL_MODELS": "belt",
-    "LATERAL_MODELS": "belt",
-    "calibrate_camera": "belt.camera",
-    "sort_pictures": "belt.online",
-    "ValveBar": "belt.valves",
-    # run all of it
-    "run": "film.run:run_recording",
-    "Options": "film.settings",
-    "Workers": "store.parallel",
-    "Chain": "chain",
-}
+# Public names by task, with the module that each is imported from on first use.
+PUBLIC = tomllib.loads(Path(__file__).with_name("public.toml").read_text("utf-8"))
 __all__ = [*PUBLIC]
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(200_000_000))  # else 2^30
