@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
+from pandas import DataFrame
 from tqdm import tqdm
 
 from kilnflight import flight, regression
@@ -105,7 +106,7 @@ def detect_frames(
     detector: Combination | Planar | None = None,
     background: BackgroundModel | None = None,
     progress: bool = False,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return the detections of a recording's frames by the combined detector.
 
     Parameters
@@ -179,12 +180,12 @@ class DetectionRun:
         make = partial(self._detect, frames)
         return CachedTable("detections", make, depends_on, self.folder)
 
-    def _detect(self, frames: range) -> pd.DataFrame:
+    def _detect(self, frames: range) -> DataFrame:
         return detect_frames(
             self.source.recording(), frames, self.detector, self.background
         )
 
-    def detections(self) -> pd.DataFrame:
+    def detections(self) -> DataFrame:
         """Return all detections (`DETECTIONS`); this process makes missing tables."""
         parts = [self.table(frames)() for frames in self.chunks]
         return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
@@ -255,7 +256,7 @@ class Chain:
         return table
 
     @cached("detected", *TRACKED_BY)
-    def tracks(self) -> pd.DataFrame:
+    def tracks(self) -> DataFrame:
         """Tracks of the detections in the air, post-processed and split.
 
         The table is that of the detections that are not on the wall, and ``particle``:
@@ -278,7 +279,7 @@ class Chain:
         return done
 
     @cached("tracks", "exit_point_mm", "regression")
-    def trajectories(self) -> pd.DataFrame:
+    def trajectories(self) -> DataFrame:
         """Fitted trajectories (`TRAJECTORIES`); none without the lance's outlet."""
         if self.exit_point_mm is None:
             return TRAJECTORIES.empty()
@@ -287,12 +288,12 @@ class Chain:
         return regression.regress_all(tracks, self.exit_point_mm, rate, self.regression)
 
     @cached("tracks", "trajectories", "rules")
-    def flights(self) -> pd.DataFrame:
+    def flights(self) -> DataFrame:
         """Flights of the trajectories (`FLIGHTS`); none without a wall."""
         return flights_from(self, self.tracks(), regression.fits(self.trajectories()))
 
     @cached("trajectories", "flights")
-    def slices(self) -> pd.DataFrame:
+    def slices(self) -> DataFrame:
         """Velocities by metre of accepted flights from the lance (`SLICES`)."""
         return slices_from(self.flights(), regression.fits(self.trajectories()))
 
@@ -377,8 +378,8 @@ def _make_table(expected: tuple[Path, Piece]) -> None:
 
 
 def flights_from(
-    run: Chain, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit]
-) -> pd.DataFrame:
+    run: Chain, tracks: DataFrame, fits: Mapping[int, regression.Fit]
+) -> DataFrame:
     """Return the flights of ``tracks``; none without a wall.
 
     They are `kilnflight.tables.FLIGHTS`. ``fits`` are the trajectories by particle.
@@ -397,9 +398,7 @@ def flights_from(
     )
 
 
-def slices_from(
-    flights: pd.DataFrame, fits: Mapping[int, regression.Fit]
-) -> pd.DataFrame:
+def slices_from(flights: DataFrame, fits: Mapping[int, regression.Fit]) -> DataFrame:
     """Return the space-sliced velocities of accepted flights from the lance.
 
     It is `kilnflight.tables.SLICES`, in m/s. ``flights`` is

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Index, Whole
 from kilnflight.checks import (
@@ -66,13 +67,11 @@ class Table:
             name: float if kind is GAPS else kind for name, kind in kinds.items()
         }
 
-    def empty(self) -> pd.DataFrame:
+    def empty(self) -> DataFrame:
         """Return the table without rows, with the right columns and types."""
-        return pd.DataFrame(columns=self.names).astype(self.dtypes)
+        return DataFrame(columns=self.names).astype(self.dtypes)
 
-    def check(
-        self, table: pd.DataFrame, where: str = "", once: bool = False
-    ) -> pd.DataFrame:
+    def check(self, table: DataFrame, where: str = "", once: bool = False) -> DataFrame:
         """Return the columns of this table, in order; numbers are int64 or float64.
 
         Raises
@@ -98,7 +97,7 @@ class Table:
         return checked
 
 
-def _checked(values: pd.Series, kind: type, place: str, limit: dict[str, Any]) -> Any:
+def _checked(values: Series, kind: type, place: str, limit: dict[str, Any]) -> Any:
     """Return the values of a column of a kind, or raise an `InputError`."""
     if kind in (bool, str):
         if not all(type(value) is kind for value in values):
@@ -138,7 +137,7 @@ FLIGHTS = TABLES["flights"]
 SLICES = TABLES["space-sliced velocities"]
 
 
-def plain(table: pd.DataFrame) -> pd.DataFrame:
+def plain(table: DataFrame) -> DataFrame:
     """Return a table without categories, whose index has no names.
 
     Linkers give such. Levels of the index that are no columns become columns.
@@ -162,12 +161,12 @@ def plain(table: pd.DataFrame) -> pd.DataFrame:
     return _unnamed(table).astype(kinds)
 
 
-def _unnamed(table: pd.DataFrame) -> pd.DataFrame:
+def _unnamed(table: DataFrame) -> DataFrame:
     """Return a table whose index has no names."""
     return table.set_axis(table.index.set_names([None] * table.index.nlevels))
 
 
-def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
+def with_pixels(table: DataFrame) -> DataFrame:
     """Return a plain table of other programs with our names, row and col in px.
 
     The program of `FORMATS` is the one with most of the columns. Its z is a plane. A
@@ -188,7 +187,7 @@ def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
     return table.rename(columns={name: ours for ours, name in names.items()})
 
 
-def in_tracks(table: pd.DataFrame, where: str) -> pd.DataFrame:
+def in_tracks(table: DataFrame, where: str) -> DataFrame:
     """Return `TRACKED` of the rows in tracks, sorted by particle and frame.
 
     ``where`` begins an error.
@@ -203,7 +202,7 @@ def in_tracks(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def order_tracks(
-    table: pd.DataFrame, where: str, clock: str = "frame"
+    table: DataFrame, where: str, clock: str = "frame"
 ) -> tuple[Index, Whole, Any]:
     """Return row numbers, particles and times of tracks, sorted by particle and time.
 

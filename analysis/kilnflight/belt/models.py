@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array
 from kilnflight.checks import InputError, Positive, Settings, check_finite, check_number
@@ -37,7 +37,7 @@ BELT_START_MM = 388.0  # along the belt, in the authors' files of 2020
 BELT_EDGE_MM = 788.0  # "a total length of 40 cm", 2016, section IV
 BELT_WIDTH_MM = 180.0  # 2020, section 3
 
-Columns = pd.DataFrame | Mapping[str, Any]  # arrays (n,) by name
+Columns = DataFrame | Mapping[str, Any]  # arrays (n,) by name
 
 
 def time_to_cover(

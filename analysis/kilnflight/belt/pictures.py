@@ -10,7 +10,7 @@ from typing import Self
 
 import cv2
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Integers, Picture
 from kilnflight.belt.camera import TRACKED, Area, Calibration, check_picture
@@ -198,7 +198,7 @@ class MeasureSpots:
         places = self.calibration.millimetres(found[:, :2])
         return np.column_stack([found, places])[self.area.contains(places)]
 
-    def table(self, pictures: Iterable[Picture]) -> pd.DataFrame:
+    def table(self, pictures: Iterable[Picture]) -> DataFrame:
         """Return the spots of consecutive pictures, frames 0, 1, ...
 
         Returns
@@ -209,5 +209,5 @@ class MeasureSpots:
         rows = [np.empty((0, len(BELT_SPOTS.names)))]
         for frame, picture in enumerate(pictures):
             rows.append(np.insert(self(picture, frame), 0, frame, axis=1))
-        table = pd.DataFrame(np.concatenate(rows), columns=BELT_SPOTS.names)
+        table = DataFrame(np.concatenate(rows), columns=BELT_SPOTS.names)
         return table.astype(BELT_SPOTS.dtypes)

@@ -18,6 +18,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
@@ -34,7 +35,7 @@ HISTORY = "_trackHistory_NothingDeleted"
 ENDINGS = (".csv", ".csv.gz")
 
 
-def read_dem(path: Path) -> pd.DataFrame:
+def read_dem(path: Path) -> DataFrame:
     """Return the tracks of particles that the authors simulated (2020 paper).
 
     They used the discrete element method (DEM). A file is a zip with one CSV, or that
@@ -60,7 +61,7 @@ def read_dem(path: Path) -> pd.DataFrame:
         raise InputError(
             f"{path.name}: x and y must both be finite, or both nan off the belt."
         )
-    table = pd.DataFrame({"frame": frame, "particle": particle})
+    table = DataFrame({"frame": frame, "particle": particle})
     table["time_s"] = frame * TIME_STEP_S
     table["x"] = 1000.0 * x
     table["y"] = 1000.0 * y
@@ -87,7 +88,7 @@ def list_recordings(folder: Path) -> dict[str, list[Path]]:
     return files
 
 
-def read_recording(path: Path) -> pd.DataFrame:
+def read_recording(path: Path) -> DataFrame:
     """Return the measured positions of one recording and the authors' track of each.
 
     Returns
@@ -111,13 +112,13 @@ def read_recording(path: Path) -> pd.DataFrame:
             f"{path.name}: FrameNr must be whole numbers that ascend, a row each."
         )
     frame = number.astype(np.int64)[row]
-    table = pd.DataFrame({"frame": frame, "x": along, "y": across})
+    table = DataFrame({"frame": frame, "x": along, "y": across})
     beside = [path.with_name(_stem(path) + HISTORY + ending) for ending in ENDINGS]
     history = next((file for file in beside if file.is_file()), None)
     if history is None:
         return table.assign(author_track=-1)
     _, particle, across, along = _pairs(_cells(history), history)
-    tracked = pd.DataFrame({"x": along, "y": across, "author_track": particle})
+    tracked = DataFrame({"x": along, "y": across, "author_track": particle})
     merged = table.merge(tracked.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
     return merged.fillna({"author_track": -1}).astype({"author_track": np.int64})
 

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -270,7 +270,7 @@ class Combination(Settings):
 
     def __call__(
         self, view: View, roi: Polygon | None = None, frame: int = 0
-    ) -> pd.DataFrame:
+    ) -> DataFrame:
         """Return the particles of a frame.
 
         Parameters
@@ -299,7 +299,7 @@ class Combination(Settings):
         labels: Index,
         roi: Polygon | None = None,
         frame: int = 0,
-    ) -> pd.DataFrame:
+    ) -> DataFrame:
         """Return the particles of a frame with given keypoints and clusters.
 
         So several combinations can share one detection and one clustering.
@@ -367,7 +367,7 @@ class Planar(Settings):
 
     def __call__(
         self, view: View, roi: Polygon | None = None, frame: int = 0
-    ) -> pd.DataFrame:
+    ) -> DataFrame:
         """Return the particles of a frame (`kilnflight.tables.DETECTIONS`), ``case`` 0.
 
         ``roi`` are corners (row, col) of a polygon in px; particles outside are left
@@ -404,13 +404,13 @@ def _strongest(graded: Array, apart: float) -> Array:
     return spots[kept, :3]
 
 
-def _table(values: Array, gray: Integers, frame: int) -> pd.DataFrame:
+def _table(values: Array, gray: Integers, frame: int) -> DataFrame:
     """Return `DETECTIONS` of one frame from rows (n, 8) of `_COLUMNS`."""
     columns = dict(zip(_COLUMNS, values.T, strict=True))
     columns["frame"] = np.full(len(values), frame)
     columns["gray"] = mean_gray(gray, values[:, :3])
     # Changing the types of a table instead would take 3 ms of each frame.
-    return pd.DataFrame(
+    return DataFrame(
         {name: columns[name].astype(kind) for name, kind in DETECTIONS.dtypes.items()}
     )
 

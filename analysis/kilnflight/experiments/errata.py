@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.publication import claims
 from kilnflight.scores import rates
@@ -66,14 +67,14 @@ def _check(where: str, quantity: str, printed: str, recomputed: float) -> Check:
     return Check(where, quantity, printed, recomputed, agrees=right)
 
 
-def _row_name(row: pd.Series) -> str:
+def _row_name(row: Series) -> str:
     """Return the unique name of a table's row, such as "K=30, alpha=0.1" or "V1"."""
     texts = row.filter(["subset", "test_set", "method"])
     numbers = row.filter(["minPts", "epsilon_mm", "R", "K", "alpha"])
     return ", ".join([*texts, *(f"{name}={value}" for name, value in numbers.items())])
 
 
-def printed_rates(table: str) -> pd.DataFrame:
+def printed_rates(table: str) -> DataFrame:
     """Load one of `RATE_TABLES` as printed strings, indexed by `_row_name`.
 
     One row is corrected. The last row of Table 5.6 is printed one column too far left:
@@ -87,7 +88,7 @@ def printed_rates(table: str) -> pd.DataFrame:
     return printed.set_axis(printed.apply(_row_name, axis=1))
 
 
-def recomputed_rates(table: str) -> pd.DataFrame:
+def recomputed_rates(table: str) -> DataFrame:
     """Compute precision, recall and F1 of one of `RATE_TABLES` from its counts.
 
     One row per printed row, indexed by `_row_name`.
@@ -143,7 +144,7 @@ def check_sums() -> Iterator[Check]:
     yield from _check_shares(everything, inside)
 
 
-def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
+def _check_class_sums(table: DataFrame, where: str) -> Iterator[Check]:
     """Check the sums in Table 5.2 or 5.3 (``where``), over classes and over subsets.
 
     The rows of ``table`` must be: burning in air, non-burning in air, burning on the
@@ -160,7 +161,7 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
         yield _check(f"{where}, {name}", "amount", table["amount"][name], sums[name])
 
 
-def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
+def _check_shares(everything: DataFrame, inside: DataFrame) -> Iterator[Check]:
     """Check the percentages in Tables 5.2 (depth) and 5.3 (region of interest).
 
     Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2,
@@ -237,7 +238,7 @@ def check_statements(values: Mapping[str, float]) -> Iterator[Check]:
         )
 
 
-def recompute(statements: Mapping[str, float]) -> pd.DataFrame:
+def recompute(statements: Mapping[str, float]) -> DataFrame:
     """Recompute every number that others determine, one row each.
 
     Parameters
@@ -258,6 +259,6 @@ def recompute(statements: Mapping[str, float]) -> pd.DataFrame:
         *check_durations(),
         *check_statements(statements),
     ]
-    table = pd.DataFrame(checks, columns=Check._fields)
+    table = DataFrame(checks, columns=Check._fields)
     is_number = table["printed"].str.fullmatch(r"\d+(\.\d+)?%?")
     return table.assign(kind=np.where(is_number, "number", "sentence"))

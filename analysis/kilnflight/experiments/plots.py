@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, ArrayLike
 from kilnflight.experiments.flights.campaigns import CampaignKey
@@ -150,7 +151,7 @@ def draw_dwell_boxes(
     return picture
 
 
-def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
+def draw_published(axes: Axes, bounds: DataFrame) -> None:
     """Draw published numbers and bounds beside what is drawn.
 
     All have the look of `PUBLISHED`. A number (``low`` equals ``high``) is a diamond,
@@ -183,7 +184,7 @@ def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
     axes.set_ylim(bottom, top)
 
 
-def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
+def draw_intervals(axes: Axes, table: DataFrame) -> None:
     """Draw F1 by method with intervals, F1 in pixels above and published F1 below.
 
     Parameters
@@ -215,7 +216,7 @@ def draw_intervals(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def draw_class_recall(
-    recall: pd.DataFrame, by: str, published: Mapping[str, Sequence[Sequence[float]]]
+    recall: DataFrame, by: str, published: Mapping[str, Sequence[Sequence[float]]]
 ) -> Figure:
     """Draw the recall of each class by subset, after Figs 5.5, 5.6, 5.8 and 5.10.
 
@@ -273,9 +274,7 @@ def draw_keypoints(
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
 
 
-def draw_cloud(
-    wall: pd.DataFrame, particles: pd.DataFrame, marked: pd.DataFrame
-) -> Figure:
+def draw_cloud(wall: DataFrame, particles: DataFrame, marked: DataFrame) -> Figure:
     """Draw a point cloud in space, and one particle of it enlarged (Fig. 2.12).
 
     Parameters
@@ -304,7 +303,7 @@ def draw_cloud(
     return picture
 
 
-def _enlarge(picture: Figure, marked: pd.DataFrame) -> None:
+def _enlarge(picture: Figure, marked: DataFrame) -> None:
     """Draw the points of one particle at the right of a picture, with their depth."""
     axes = picture.add_axes((0.73, 0.2, 0.24, 0.64))
     beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
@@ -325,7 +324,7 @@ def _enlarge(picture: Figure, marked: pd.DataFrame) -> None:
     )
 
 
-def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
+def draw_k_distances(curves: DataFrame, eps_mm: Sequence[float]) -> Figure:
     """Draw sorted k-distances of a cloud, with values of eps in mm (Fig. 2.19).
 
     ``curves`` has ``point``, a rank, and a column ``distance_k_mm`` for each k.
@@ -344,7 +343,7 @@ def draw_k_distances(curves: pd.DataFrame, eps_mm: Sequence[float]) -> Figure:
     return picture
 
 
-def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
+def broken_at_gaps(tracks: DataFrame) -> DataFrame:
     """Add an empty row to tracks in every gap, so that lines break there.
 
     Input and result have ``particle``, ``frame``, ``row`` and ``col`` (px); row and col

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 from scipy.spatial import KDTree
 
 from kilnflight.film.report import Tables
@@ -38,7 +38,7 @@ def doubts(tables: Tables) -> Iterator[str]:
         yield f"{share} are refused, no particle flies so. {LANCE}"
 
 
-def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
+def doubtful_links(tracks: DataFrame) -> Iterator[str]:
     """Yield warnings of missing or doubtful tracks, each with what to change.
 
     Parameters
@@ -67,7 +67,7 @@ def doubtful_links(tracks: pd.DataFrame) -> Iterator[str]:
         yield f"Steps of {step:.1f} px exceed half of {between}. {FASTER}"
 
 
-def neighbour_px(detections: pd.DataFrame, frames: int = 30) -> float:
+def neighbour_px(detections: DataFrame, frames: int = 30) -> float:
     """Return the median distance of nearest neighbours in some frames.
 
     It is infinite where no frame has two detections.

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, Integers
@@ -26,7 +26,7 @@ LEAST_PX = 0.1  # no spread is taken smaller
 NONE = np.empty((0, 2))
 
 
-def motion_of(detections: pd.DataFrame, max_step: float | None = None) -> Motion:
+def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     """Return the motion that the first links of detections show.
 
     Parameters

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
-import pandas as pd
 from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from kilnflight import chain
 from kilnflight.film.preparation import STEPS, choose
@@ -63,7 +63,7 @@ def pictures(
         yield "mean-square-displacement", _spreading(spreading, count)
 
 
-def _counts(detections: pd.DataFrame, frames: Any) -> Figure:
+def _counts(detections: DataFrame, frames: Any) -> Figure:
     """Return a figure of the number of detections by frame."""
     counts = detections["frame"].value_counts().reindex(frames, fill_value=0)
     figure, ((axes,),) = style.canvas(width_mm=120)
@@ -72,7 +72,7 @@ def _counts(detections: pd.DataFrame, frames: Any) -> Figure:
     return figure
 
 
-def _lengths_and_speeds(linked: pd.DataFrame) -> Figure:
+def _lengths_and_speeds(linked: DataFrame) -> Figure:
     """Return histograms of the lengths of tracks and of the speeds of steps."""
     figure, ((left, right),) = style.canvas(columns=2, width_mm=style.PAGE_MM)
     left.hist(linked["particle"].value_counts(), bins=30, **BARS)
@@ -83,7 +83,7 @@ def _lengths_and_speeds(linked: pd.DataFrame) -> Figure:
     return figure
 
 
-def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
+def _spreading(displacements: DataFrame, tracks: int) -> Figure:
     """Return a figure of mean square displacements with their fit."""
     figure, ((axes,),) = style.canvas(width_mm=120)
     lag, square, error = displacements[SQUARES.names].to_numpy(float).T
@@ -100,7 +100,7 @@ def _spreading(displacements: pd.DataFrame, tracks: int) -> Figure:
     return figure
 
 
-def plot_tracks(source: Any, tracks: pd.DataFrame) -> Figure:
+def plot_tracks(source: Any, tracks: DataFrame) -> Figure:
     """Draw tracks over the first frame of their recording.
 
     Parameters

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 from tqdm import tqdm
 
 from kilnflight.arrays import Integers
@@ -20,7 +20,7 @@ from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 
 # Detections, and the tables of `kilnflight.chain.CHAIN_STEPS`.
-Tables = Mapping[str, pd.DataFrame]
+Tables = Mapping[str, DataFrame]
 Rows = list[tuple[str, str]]  # a name, "note" or "warning", and a text
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
@@ -79,7 +79,7 @@ def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
     """Read every frame once; print and return what it holds."""
     recording.content()  # refused where it was changed after it was written
     frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)
-    each = pd.DataFrame([_facts(recording.frame(t)) for t in frames])
+    each = DataFrame([_facts(recording.frame(t)) for t in frames])
     attributes = recording.attributes
     top = each["brightest"].max()
     points = each["points"]
@@ -136,7 +136,7 @@ def units(attributes: Attributes) -> Rows:
     return rows
 
 
-def speed(tracks: pd.DataFrame, attributes: Attributes) -> Rows:
+def speed(tracks: DataFrame, attributes: Attributes) -> Rows:
     """Return the median speed, also in um/s where rate and scale are known."""
     steps = speeds(followed(tracks))
     if not len(steps):
@@ -193,7 +193,7 @@ def _found(tables: Tables) -> dict[str, str]:
     }
 
 
-def _median_s(dwell_s: pd.Series) -> str:
+def _median_s(dwell_s: Series) -> str:
     """Return the median of times, with its interval if there are more than five."""
     median, low, high = median_interval(dwell_s, np.random.default_rng(0))[:3]
     interval = ""
@@ -202,7 +202,7 @@ def _median_s(dwell_s: pd.Series) -> str:
     return f"{median:.3f} s {interval}"
 
 
-def _counts(what: str, reasons: pd.Series) -> dict[str, str]:
+def _counts(what: str, reasons: Series) -> dict[str, str]:
     """Return how often each reason, not empty, occurs."""
     counts = reasons.value_counts()
     return {f"{what}: {why}": f"{n}" for why, n in counts.items() if why}

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array
@@ -17,8 +18,8 @@ SQUARES = Table("square displacements", lag=int, square_px2=float, error_px2=flo
 
 
 def square_displacements(
-    tracks: pd.DataFrame, each: bool = False, drift: bool = True
-) -> pd.DataFrame:
+    tracks: DataFrame, each: bool = False, drift: bool = True
+) -> DataFrame:
     """Average the square displacements by lag, of all tracks or of each.
 
     Parameters
@@ -79,7 +80,7 @@ def square_displacements(
     return table.loc[share <= 0.5, [*keys, "square_px2", "error_px2", "pairs"]]
 
 
-def _squares(placed: pd.DataFrame, lag: int, drift: bool) -> pd.DataFrame:
+def _squares(placed: DataFrame, lag: int, drift: bool) -> DataFrame:
     """Return square_px2, pairs and free of each particle, sums over its pairs of a lag.
 
     ``free`` is the number of pairs but for what the drift takes.
@@ -105,7 +106,7 @@ class Spreading(NamedTuple):
     exponent: float  # of the lag: 1 for diffusion, 2 for flight; NaN: D may be 0
 
 
-def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
+def fit_spreading(displacements: DataFrame, lags: int = 10) -> Spreading:
     """Fit a line and a power of the lag to mean square displacements.
 
     Parameters
@@ -163,7 +164,7 @@ def fit_spreading(displacements: pd.DataFrame, lags: int = 10) -> Spreading:
     )
 
 
-def speeds(tracks: pd.DataFrame) -> Array:
+def speeds(tracks: DataFrame) -> Array:
     """Return the speed (n,) in px/frame of each step.
 
     Parameters
@@ -176,6 +177,6 @@ def speeds(tracks: pd.DataFrame) -> Array:
     return np.asarray(np.hypot(steps["row"], steps["col"]) / steps["frame"])
 
 
-def followed(tracks: pd.DataFrame) -> pd.DataFrame:
+def followed(tracks: DataFrame) -> DataFrame:
     """Return the detections (column particle) that are in tracks of two or more."""
     return tracks[(tracks["particle"] >= 0) & tracks.duplicated("particle", keep=False)]

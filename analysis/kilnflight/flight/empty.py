@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array
 from kilnflight.background.sliding_median import stack_median
@@ -14,7 +14,7 @@ from kilnflight.recording.frames import Source
 EMPTY_FRAMES = 21  # whose median is the kiln without particles; ours
 
 
-def background_gray(detections: pd.DataFrame, source: Source, frames: range) -> Array:
+def background_gray(detections: DataFrame, source: Source, frames: range) -> Array:
     """Return the kiln's mean grey value (n,) behind each detection's disc.
 
     ``detections`` has row, col and radius_px. The kiln is the median of `EMPTY_FRAMES`

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array
@@ -17,7 +18,7 @@ MOST = 10_000  # slices of one flight
 
 def space_sliced_velocity(
     fit: Fit, slice_m: float = 1.0, until_s: float = math.inf
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return slices of a flight and the mean velocity in depth over each (Eq. 5.8).
 
     ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n
@@ -91,14 +92,14 @@ def space_sliced_velocity(
     return pd.concat(parts, ignore_index=True)
 
 
-def _sliced(fit: Fit, ages: list[float], length_m: float, count: int) -> pd.DataFrame:
+def _sliced(fit: Fit, ages: list[float], length_m: float, count: int) -> DataFrame:
     """Return ``count`` slices, of which the first are reached at ``ages`` in s."""
     number = np.arange(1, count + 1)
     times = np.full(count + 1, np.nan)
     times[: len(ages) + 1] = [0.0, *ages]
     begin = fit.t0 + times[:-1]
     end = fit.t0 + times[1:]
-    return pd.DataFrame(
+    return DataFrame(
         {
             "slice_m": number * length_m,
             "start_s": begin,
@@ -112,7 +113,7 @@ def _sliced(fit: Fit, ages: list[float], length_m: float, count: int) -> pd.Data
 
 def slices(
     fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return the velocities over slices of 1 m of many flights, in m/s.
 
     The table is `kilnflight.tables.SLICES`, without slices that were not reached.
@@ -135,7 +136,7 @@ def slices(
     return pd.concat(parts, ignore_index=True)[SLICES.names]
 
 
-def reaching(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
+def reaching(sliced: DataFrame, counted: int) -> DataFrame:
     """Return number, share and median velocity of the particles in each slice.
 
     These are the box plots' medians and percentages of Figs 5.21 to 5.24.

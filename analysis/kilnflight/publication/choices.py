@@ -12,6 +12,7 @@ from itertools import chain
 from typing import Any
 
 import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.checks import InputError
 from kilnflight.publication import claims
@@ -45,7 +46,7 @@ class Comparison:
     turns: Mapping[str, str]
 
 
-def load() -> pd.DataFrame:
+def load() -> DataFrame:
     """Load data/reference/choices.csv: one row per choice, indexed by id, all text."""
     path = paths.reference() / "choices.csv"
     return pd.read_csv(path, dtype=str, keep_default_na=False).set_index("id")
@@ -138,7 +139,7 @@ def opened(
     return rows
 
 
-def collect() -> pd.DataFrame:
+def collect() -> DataFrame:
     """Return every choice with its results, in the order of choices.csv.
 
     Returns
@@ -153,7 +154,7 @@ def collect() -> pd.DataFrame:
     rows = [
         each for each in index.rows("choices") if not each["notebook"].startswith("12")
     ]
-    by_choice = pd.DataFrame(rows, columns=names).groupby("id")
+    by_choice = DataFrame(rows, columns=names).groupby("id")
     results = by_choice.agg(
         quantity=("quantity", "; ".join),
         result_chosen=("chosen", "; ".join),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.checks import InputError
 from kilnflight.store import paths
@@ -56,7 +57,7 @@ class Verdict:
     reason: str = ""
 
 
-def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
+def published(name: str, *, as_printed: bool = False) -> DataFrame:
     """Load a published table, for example ``published("table_5.5")``.
 
     Parameters
@@ -81,7 +82,7 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     return pd.read_csv(path)
 
 
-def load() -> pd.DataFrame:
+def load() -> DataFrame:
     """Load data/reference/claims.csv: one row per claim, indexed by id."""
     return pd.read_csv(paths.reference() / "claims.csv", index_col="id")
 
@@ -151,7 +152,7 @@ def as_text(value: object) -> str:
     >>> as_text(0.123456), as_text(pd.Series({"f1": 0.9})), as_text("none")
     ('0.1235', 'f1 0.9', 'none')
     """
-    if isinstance(value, pd.Series):
+    if isinstance(value, Series):
         return ", ".join(f"{name} {as_text(each)}" for name, each in value.items())
     if isinstance(value, float):
         return f"{value:.4g}".replace("nan", "-")
@@ -179,7 +180,7 @@ def beyond(low: float, high: float) -> bool | None:
     return None
 
 
-def above(draws: pd.Series) -> bool | None:
+def above(draws: Series) -> bool | None:
     """Return whether 95 % of the draws of a difference lie above 0; None: open."""
     return beyond(*draws.quantile([0.025, 0.975]))
 

@@ -20,9 +20,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 from IPython.display import HTML
 from matplotlib.figure import Figure
+from pandas import DataFrame
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -156,7 +156,7 @@ def _git(*command: str) -> str:
 
 def save(
     identifier: str,
-    table: pd.DataFrame,
+    table: DataFrame,
     *,
     caption: str,
     provenance: Provenance,
@@ -258,7 +258,7 @@ def concluded(entry: Mapping[str, Any]) -> str:
     """Return a notebook's entry of the index as HTML: result, verdicts, choices."""
     body = f"<p>{html.escape(entry['result'])}</p>"
     if entry["verdicts"]:
-        table = pd.DataFrame(entry["verdicts"]).join(claims.load()["bound"], on="id")
+        table = DataFrame(entry["verdicts"]).join(claims.load()["bound"], on="id")
         names = [
             "id",
             "published",
@@ -273,7 +273,7 @@ def concluded(entry: Mapping[str, Any]) -> str:
     else:
         body += "No claim is tested here."
     if entry["choices"]:
-        table = pd.DataFrame(entry["choices"])
+        table = DataFrame(entry["choices"])
         table["turns"] = table["turns"].map(" ".join)
         table = table[["id", "quantity", "chosen", "other", "turns"]]
         table.columns = [

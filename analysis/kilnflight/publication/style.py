@@ -8,13 +8,13 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle
+from pandas import DataFrame
 
 from kilnflight.arrays import Anything, Array
 
@@ -162,7 +162,7 @@ def draw_circles(axes: Axes, spots: Array, color: str) -> None:
     )
 
 
-def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
+def draw_tracks(axes: Axes, table: DataFrame, colour: str = "") -> None:
     """Draw tracks as lines of one colour, or each in another one.
 
     ``table`` has ``particle``, ``frame``, ``row`` and ``col`` (px); NaN breaks a line.
@@ -184,7 +184,7 @@ def draw_tracks(axes: Axes, table: pd.DataFrame, colour: str = "") -> None:
         )
 
 
-def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
+def draw_boxes(axes: Axes, summary: DataFrame) -> None:
     """Draw box plots from their quartiles and whiskers, without outliers.
 
     Above each whisker stands q75 - q25, since flat boxes look like lines.

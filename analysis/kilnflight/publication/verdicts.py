@@ -1,6 +1,6 @@
 """What all notebooks conclude: the verdict on every claim."""
 
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.checks import InputError
 from kilnflight.publication import choices, claims
@@ -18,7 +18,7 @@ COLUMNS = [
 ]
 
 
-def collect() -> pd.DataFrame:
+def collect() -> DataFrame:
     """Return the verdict on every claim, in the order of claims.csv.
 
     Verdicts come from the folder of figures, where each notebook saved its own. A claim
@@ -39,7 +39,7 @@ def collect() -> pd.DataFrame:
     """
     known = claims.load()
     rows = choices.opened(index.rows("verdicts"), index.rows("choices"))
-    judged = pd.DataFrame(rows, columns=COLUMNS)
+    judged = DataFrame(rows, columns=COLUMNS)
     twice = judged[judged.duplicated(["id", "data"], keep=False)]
     if len(twice):
         claim = twice["id"].iloc[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, ArrayLike, Gray, Integers, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
@@ -232,7 +232,7 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     for name, shape in shapes.items():
         check_shape(getattr(frame, name), shape, f"{where}: {name}")
     outside = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
-    twice = pd.DataFrame(pixels).duplicated().to_numpy()
+    twice = DataFrame(pixels).duplicated().to_numpy()
     wrong = outside | twice
     if wrong.any():
         place = f"the first at row, col {pixels[wrong.argmax()].tolist()}"

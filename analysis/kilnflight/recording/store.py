@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import zarr
+from pandas import DataFrame
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
@@ -213,7 +213,7 @@ def write_recording(
     recording: Recording,
     path: Path | str,
     frames: range | None = None,
-    truth: Mapping[str, pd.DataFrame] | None = None,
+    truth: Mapping[str, DataFrame] | None = None,
 ) -> StoredRecording:
     """Write a recording to disk and return it from there.
 
@@ -266,7 +266,7 @@ def write_recording(
 def _write(
     recording: Recording,
     frames: range,
-    truth: Mapping[str, pd.DataFrame],
+    truth: Mapping[str, DataFrame],
     folder: Path,
 ) -> None:
     """Write a recording to a new folder; arguments as for `write_recording`."""
@@ -283,7 +283,7 @@ def _write(
                 arrays[name][position, : len(values)] = values
         known = frame.index, frame.time_s, len(frame.xyz), labelled
         rows.append((*known, hash(frame.gray.tobytes())))
-    table = pd.DataFrame(rows, columns=[*PER_FRAME, "picture"])
+    table = DataFrame(rows, columns=[*PER_FRAME, "picture"])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
     for name, kind in PER_FRAME.items():

@@ -25,6 +25,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.checks import InputError
 from kilnflight.store.cache import write_whole
@@ -47,7 +48,7 @@ def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> 
         )
 
 
-def read_text(path: Path) -> pd.DataFrame:
+def read_text(path: Path) -> DataFrame:
     """Read a table; each line has as many cells as there are names, each name once."""
     text = path.read_text("utf-8-sig")
     if text.startswith("<"):
@@ -67,7 +68,7 @@ def read_text(path: Path) -> pd.DataFrame:
     return pd.read_csv(io.StringIO(text), skipinitialspace=True, skiprows=told)
 
 
-def _read_xml(text: str) -> pd.DataFrame:
+def _read_xml(text: str) -> DataFrame:
     """Return the detections of the challenge's XML."""
     root = ElementTree.fromstring(text)
     if root.tag not in ("root", "Tracks"):
@@ -75,19 +76,19 @@ def _read_xml(text: str) -> pd.DataFrame:
     rows = []
     for number, track in enumerate(root.iter("particle")):
         rows += [place.attrib | {"particle": number} for place in track]
-    return pd.DataFrame(rows, columns=PROGRAMS["challenge"].split()).astype(float)
+    return DataFrame(rows, columns=PROGRAMS["challenge"].split()).astype(float)
 
 
-def _read_boxes(text: str) -> pd.DataFrame:
+def _read_boxes(text: str) -> DataFrame:
     """Return the middles of MOTChallenge's boxes; number -1 is no track."""
     cells = np.loadtxt(io.StringIO(text), delimiter=",", usecols=range(6), ndmin=2)
     cells[:, 0] -= 1
     cells[:, 2:4] += cells[:, 4:] / 2
-    table = pd.DataFrame(cells[:, :4], columns=["frame", "particle", "col", "row"])
+    table = DataFrame(cells[:, :4], columns=["frame", "particle", "col", "row"])
     return table.replace({"particle": {-1: np.nan}})
 
 
-def read_table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> DataFrame:
     r"""Read a table of detections or tracks, in any order of columns.
 
     Parameters
@@ -125,7 +126,7 @@ def read_table(path: Path) -> pd.DataFrame:
     return with_pixels(table)
 
 
-def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
+def write_table(table: DataFrame, path: Path, form: str = "csv") -> None:
     """Write a table of detections or tracks, whole or not at all.
 
     Parameters
@@ -162,12 +163,12 @@ def write_table(table: pd.DataFrame, path: Path, form: str = "csv") -> None:
     write_whole(path, content)
 
 
-def csv_of(table: pd.DataFrame) -> str:
+def csv_of(table: DataFrame) -> str:
     """Return a table as CSV; a quote keeps spreadsheets from computing a text."""
     return table.replace(r"^(?=[=+@\t\r-])", "'", regex=True).to_csv(index=False)
 
 
-def _exported(table: pd.DataFrame, form: str) -> str:
+def _exported(table: DataFrame, form: str) -> str:
     """Return the rows in tracks as another program reads them."""
     table = with_pixels(table).reset_index(drop=True)
     tracks = in_tracks(table, "tracks")
@@ -187,7 +188,7 @@ def _exported(table: pd.DataFrame, form: str) -> str:
     return text
 
 
-def _xml(tracks: pd.DataFrame) -> str:
+def _xml(tracks: DataFrame) -> str:
     """Return the XML of the challenge; it holds nothing but numbers."""
     text = "<?xml version='1.0'?>\n<root>\n"
     text += '<TrackContestISBI2012 snr="" density="" scenario="">\n'

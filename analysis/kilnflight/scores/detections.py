@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, ArrayLike, Index, Integers
@@ -29,7 +29,7 @@ def rates(
     true_positives: ArrayLike,
     false_positives: ArrayLike,
     false_negatives: ArrayLike,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Compute precision, recall and F1 of counts, one row per entry.
 
     ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP +
@@ -63,7 +63,7 @@ def rates(
     check_shape(tp, (None,), where)
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
     table = {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
-    return pd.DataFrame(table)
+    return DataFrame(table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def score_detections(
     return _score(true, found, np.stack([true[near[:, 0]], found[near[:, 1]]], axis=1))
 
 
-def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
+def particle_centroids(image: Integers, particles: Integers) -> DataFrame:
     """Return the mean ``row``, ``col`` in px of each particle's pixels, by particle.
 
     `score_in_pixels` takes them as the truth.
@@ -151,13 +151,13 @@ def particle_centroids(image: Integers, particles: Integers) -> pd.DataFrame:
         (n,) the particles of the truth, each once; NaN for one without pixels.
     """
     row, col = np.nonzero(np.isin(image, particles))
-    pixels = pd.DataFrame({"row": row, "col": col}, dtype=np.float64)
+    pixels = DataFrame({"row": row, "col": col}, dtype=np.float64)
     return pixels.groupby(image[row, col]).mean().reindex(particles)
 
 
 def score_in_pixels(
     image: Integers,
-    centroids: pd.DataFrame,
+    centroids: DataFrame,
     detected: ArrayLike,
     roi: ArrayLike | None = None,
 ) -> FrameScore:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import scipy  # stats on first use: they take a quarter of a second
+from pandas import Series
 
 from kilnflight.arrays import Array, Flags, Index
 
@@ -73,7 +73,7 @@ class Outcome:
         """Return the outcome of flights in its unit, NaN without a value."""
         taken = self.take(values)
         if self.kind == MEDIAN:
-            return pd.Series(taken).median()
+            return Series(taken).median()
         if self.kind == SHARE:
             return taken.percent
         return float(taken)
@@ -131,7 +131,7 @@ def _remaining_beyond(metre: int) -> Outcome:
 
 
 def _share_of(flags: Flags) -> Share:
-    return Share(100.0 * pd.Series(flags).mean(), len(flags))
+    return Share(100.0 * Series(flags).mean(), len(flags))
 
 
 def _of_ignited(when: str, low: float, high: float) -> Outcome:
@@ -171,14 +171,12 @@ VELOCITY_OUTCOMES = (
 )
 DWELL_OUTCOMES = (
     DWELL,
-    Outcome(
-        "dwell longest", "s", NUMBER, lambda values: pd.Series(values.dwell_s).max()
-    ),
+    Outcome("dwell longest", "s", NUMBER, lambda values: Series(values.dwell_s).max()),
     DWELL_SHORT,
     DWELL_LONG,
     Outcome("dwell > 1 s", "%", SHARE, lambda values: _share_of(values.dwell_s > 1.0)),
     Outcome(
-        "penetration", "m", NUMBER, lambda values: pd.Series(values.reached_m).median()
+        "penetration", "m", NUMBER, lambda values: Series(values.reached_m).median()
     ),
 )
 IGNITION_OUTCOMES = (
@@ -193,7 +191,7 @@ IGNITION_OUTCOMES = (
 OUTCOMES = VELOCITY_OUTCOMES + DWELL_OUTCOMES + IGNITION_OUTCOMES
 
 
-def outcomes(values: FlightValues) -> pd.Series:
+def outcomes(values: FlightValues) -> Series:
     """Return every outcome of flights by `Outcome.label`, NaN without a value.
 
     Velocities are medians; "last" is the farthest metre that at least `LAST_SHARE` of
@@ -202,4 +200,4 @@ def outcomes(values: FlightValues) -> pd.Series:
     the end, "landed 1 m" is 100 % minus "remaining 1 m".
     """
     found = {outcome.label: outcome.estimate(values) for outcome in OUTCOMES}
-    return pd.Series(found)
+    return Series(found)

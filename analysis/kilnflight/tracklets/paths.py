@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Array, Index, Integers, Whole
 from kilnflight.checks import Settings, check_columns, check_finite, check_whole
@@ -35,7 +35,7 @@ class Paths(NamedTuple):
         """
         names, points = ranges(self.starts[some], self.starts[some + 1])
         path, speed = step_speeds(some[names], self.frame[points], self.place[points])
-        found = pd.Series(speed).groupby(path).agg(["median", "max"])
+        found = Series(speed).groupby(path).agg(["median", "max"])
         every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
         return every.to_numpy().T
 
@@ -67,7 +67,7 @@ class PathStep(Settings, ABC):
     `apply` maps `Paths` to `Paths`, a call maps a track table to a track table.
     """
 
-    def __call__(self, tracks: pd.DataFrame, differences: Any = None) -> pd.DataFrame:
+    def __call__(self, tracks: DataFrame, differences: Any = None) -> DataFrame:
         """Return the table after this step, with the same rows and columns.
 
         Parameters
@@ -95,7 +95,7 @@ class PathStep(Settings, ABC):
         """
 
 
-def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
+def read_paths(tracks: DataFrame, where: str) -> Paths:
     """Return the tracklets of a track table, whose rows may have any order.
 
     ``where`` names the table in errors.
@@ -116,7 +116,7 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
     return ungrouped.grouped(particle)
 
 
-def _places(tracks: pd.DataFrame) -> list[str]:
+def _places(tracks: DataFrame) -> list[str]:
     """Return the names of the columns of places, in the order of `Paths.place`.
 
     These are row, col (or y, x) in px; with a z, also z and, where present, x and y in
@@ -130,7 +130,7 @@ def _places(tracks: pd.DataFrame) -> list[str]:
     return ["row", "col", *(name for name in ("z", "x", "y") if name in names)]
 
 
-def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
+def write_paths(tracks: DataFrame, paths: Paths) -> DataFrame:
     """Return the table with the particles and places of paths, -1 for other rows.
 
     ``tracks`` must be the table from which `read_paths` made the paths: `Paths.rows`
@@ -202,7 +202,7 @@ def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
     return owner, np.arange(len(owner)) - passed[owner] + begin[owner]
 
 
-def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
+def tracked(tracks: DataFrame) -> DataFrame:
     """Return the rows that belong to a track: ``particle`` is not -1."""
     check_columns(tracks, ("particle",), "tracks")
     particle = check_whole(tracks["particle"], "tracks: column particle")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import joblib
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 from tqdm import tqdm
 
 from kilnflight.arrays import Array
@@ -56,7 +57,7 @@ class PictureTracks(NamedTuple):
     """Measurements in the pictures of one recording, and their tracks."""
 
     calibration: Calibration
-    spots: pd.DataFrame  # kilnflight.tables.BELT_SPOTS
+    spots: DataFrame  # kilnflight.tables.BELT_SPOTS
     followed: Followed  # its ``row`` counts the rows of ``spots``
 
 
@@ -98,9 +99,7 @@ def track_all(
     return dict(zip(pictures, tracked, strict=True))
 
 
-def noise_free(
-    bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016
-) -> pd.DataFrame:
+def noise_free(bodies: DataFrame, phase: PredictionPhase = PHASE_2016) -> DataFrame:
     """Return deviations of three approaches on exact positions (Figs 6a and 6c).
 
     Parameters
@@ -124,7 +123,7 @@ def noise_free(
     return _of_approaches(states, arrival, phase.target_mm)
 
 
-def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
+def followed_particles(pictured: PictureTracks, bodies: DataFrame) -> DataFrame:
     """Return the last states of tracks from pictures, with the particle of each.
 
     Only valid tracks that enter the prediction phase are returned. ``bodies`` are the
@@ -144,8 +143,8 @@ def followed_particles(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.Data
 
 
 def from_images(
-    pictured: PictureTracks, bodies: pd.DataFrame, phase: PredictionPhase = PHASE_2016
-) -> pd.DataFrame:
+    pictured: PictureTracks, bodies: DataFrame, phase: PredictionPhase = PHASE_2016
+) -> DataFrame:
     """Return deviations of Tracking and Straight from pictures (Figs 6b and 6d).
 
     The columns are those of `noise_free`; ``bodies`` are the exact
@@ -161,8 +160,8 @@ def from_images(
 
 
 def _of_approaches(
-    states: Mapping[str, pd.DataFrame], arrival: pd.DataFrame, target_mm: float
-) -> pd.DataFrame:
+    states: Mapping[str, DataFrame], arrival: DataFrame, target_mm: float
+) -> DataFrame:
     """Return `deviations` of last states by approach, in one table."""
     tables = [
         deviations(approach, last, arrival, target_mm)
@@ -171,7 +170,7 @@ def _of_approaches(
     return pd.concat(tables, ignore_index=True)
 
 
-def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
+def match(states: DataFrame, truth: DataFrame) -> Series:
     """Return the particle nearest to each track, a Series over tracks (IV).
 
     Parameters
@@ -199,8 +198,8 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
 
 
 def deviations(
-    approach: str, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float
-) -> pd.DataFrame:
+    approach: str, last: DataFrame, arrival: DataFrame, target_mm: float
+) -> DataFrame:
     """Return how far predictions deviate from arrivals at the target.
 
     Parameters
@@ -229,7 +228,7 @@ def deviations(
     if approach == STRAIGHT:
         predicted["time_s"] = np.nan
     table = predicted.merge(arrival, on="particle", suffixes=("", "_true"))
-    return pd.DataFrame(
+    return DataFrame(
         {
             "approach": approach,
             "particle": table["particle"],
@@ -260,7 +259,7 @@ def rate_1000(end_mm: float) -> BeltTracker:
     return BeltTracker(motion, appearance, 1 / TRUTH_HZ)
 
 
-def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataFrame:
+def summaries(table: DataFrame, groups: Sequence[str], seed: int) -> DataFrame:
     """Return the box plots of Fig. 6 with 95 % intervals, a row per box.
 
     Parameters
@@ -289,7 +288,7 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
             if not np.isnan(values).all():
                 row = dict(zip(groups, key, strict=True)) | {"quantity": quantity}
                 rows.append(row | _summarise(values, seed))
-    return pd.DataFrame(rows)
+    return DataFrame(rows)
 
 
 def _summarise(deviation: Array, seed: int) -> dict[str, float]:

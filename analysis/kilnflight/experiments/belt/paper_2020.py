@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from pandas import DataFrame, Series
 from scipy.interpolate import CubicSpline
 
 from kilnflight.arrays import Array
@@ -111,7 +112,7 @@ def find_recordings() -> dict[str, list[Path]]:
 
 def load_tracks(
     files: Mapping[str, Path], seed: int, particles: int | None = None
-) -> dict[str, pd.DataFrame]:
+) -> dict[str, DataFrame]:
     """Return the tracks by material, the authors' or the friction model's.
 
     Parameters
@@ -141,14 +142,14 @@ def load_tracks(
     return tracks
 
 
-def first_to_enter(tracks: pd.DataFrame, particles: int) -> pd.DataFrame:
+def first_to_enter(tracks: DataFrame, particles: int) -> DataFrame:
     """Return the tracks of the first ``particles`` that enter, of one material."""
     entered = tracks.groupby("particle")["frame"].min().sort_values(kind="stable")
     first = tracks["particle"].isin(entered.index[:particles])
     return tracks[first].reset_index(drop=True)
 
 
-def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+def resample(tracks: DataFrame, rate_hz: float) -> DataFrame:
     """Return tracks at another sampling rate, by a cubic spline per particle.
 
     The authors evaluated at 1000 Hz and published their tracks at 100 Hz. The camera of
@@ -180,7 +181,7 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
         last = np.floor(time[-1] * rate_hz + 1e-6)
         frames.append(np.arange(first, last + 1, dtype=np.int64))
         places.append(CubicSpline(time, part[:, 1:])(frames[-1] / rate_hz))
-    table = pd.DataFrame({"frame": np.concatenate(frames)})
+    table = DataFrame({"frame": np.concatenate(frames)})
     table["particle"] = np.repeat(particles, list(map(len, frames)))
     table["time_s"] = table["frame"] / rate_hz
     table[["x", "y"]] = np.concatenate(places)
@@ -188,8 +189,8 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
 
 
 def resample_observed(
-    tracks: Mapping[str, pd.DataFrame], observed: Sets
-) -> dict[str, pd.DataFrame]:
+    tracks: Mapping[str, DataFrame], observed: Sets
+) -> dict[str, DataFrame]:
     """Return the tracks of observed particles at the paper's 1000 Hz, by data set."""
     fast = {}
     for name, table in tracks.items():
@@ -198,7 +199,7 @@ def resample_observed(
     return fast
 
 
-def shake(tracks: Mapping[str, pd.DataFrame], seed: int) -> dict[str, pd.DataFrame]:
+def shake(tracks: Mapping[str, DataFrame], seed: int) -> dict[str, DataFrame]:
     """Return tracks by data set with normal noise of `JITTER_MM` on each position."""
     generator = np.random.default_rng(seed)
     shaken = {}
@@ -208,7 +209,7 @@ def shake(tracks: Mapping[str, pd.DataFrame], seed: int) -> dict[str, pd.DataFra
     return shaken
 
 
-def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
+def step_velocities(tracks: DataFrame) -> DataFrame:
     """Return velocities between consecutive frames, one row per pair, in mm/s.
 
     Figs 7 and 8 of the 2020 paper show them along the belt.
@@ -233,7 +234,7 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     return steps[(step["particle"] == 0) & (step["frame"] == 1)].reset_index(drop=True)
 
 
-def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
+def velocities_at(steps: DataFrame, column: str, x_mm: Array) -> Array:
     """Return velocities (particles, places) in mm/s at places along the belt.
 
     ``column`` of ``steps`` (from `step_velocities`) is interpolated linearly at
@@ -253,7 +254,7 @@ def compare_models(
     deviations: Deviations,
     draws: int,
     seed: int,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return the deviations of all models, one row per data set and model.
 
     Figs 9 and 10 of the 2020 paper show them as boxes.
@@ -288,7 +289,7 @@ def compare_models(
     return table.reset_index()
 
 
-def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
+def beyond_belt(observed: Sets, phase: PredictionPhase) -> Series:
     """Return the share in percent that CA predicts to be faster than the belt.
 
     At the last observation or at the target of ``phase`` (Eq. 5); a Series by data set.
@@ -300,10 +301,10 @@ def beyond_belt(observed: Sets, phase: PredictionPhase) -> pd.Series:
         square = speed**2 + 2 * gain * (phase.target_mm - each.last["x"])
         fastest = np.maximum(speed, np.sqrt(square.clip(lower=0.0)))
         shares[name] = 100 * (fastest > BELT_VELOCITY_MM_S).mean()
-    return pd.Series(shares)
+    return Series(shares)
 
 
-def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
+def with_unit(table: DataFrame, unit: str) -> DataFrame:
     """Return a table with ``unit`` (ms or mm) added to names of deviations."""
     named = table.columns[table.columns.str.match(_IN_UNITS)]
     return table.rename(columns={name: f"{name}_{unit}" for name in named})
@@ -316,7 +317,7 @@ def compare_orders(
     orders: Mapping[str, Orders],
     scale: str,
     seed: int,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return by how much models deviate more than others, with 95 % intervals.
 
     Intervals are over particles (bootstrap). `holds` reads the answers to the 2020
@@ -362,12 +363,12 @@ def compare_orders(
                         "excess_high": high,
                     }
                 )
-    return pd.DataFrame(rows)
+    return DataFrame(rows)
 
 
 def _excess(
-    deviations: pd.DataFrame, lower: Sequence[str], higher: Sequence[str]
-) -> pd.Series:
+    deviations: DataFrame, lower: Sequence[str], higher: Sequence[str]
+) -> Series:
     """Return the smallest of ``higher`` minus the largest of ``lower``, by row.
 
     ``deviations`` has a column per model.
@@ -381,7 +382,7 @@ def bootstrap(
     deviations: Deviations,
     replicates: int,
     seed: int,
-) -> dict[str, pd.DataFrame]:
+) -> dict[str, DataFrame]:
     """Return MAE and IQR of all models in bootstrap replicates over particles.
 
     Models are calibrated with 1 % of the particles (section 5), in up to
@@ -409,8 +410,7 @@ def bootstrap(
         samples.append(_measures(of_draw[drawn]))
     by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
     return {
-        name: pd.DataFrame(sample, columns=list(draws[0]))
-        for name, sample in by_measure
+        name: DataFrame(sample, columns=list(draws[0])) for name, sample in by_measure
     }
 
 
@@ -425,7 +425,7 @@ def _measures(values: Array) -> Array:
 
 
 def holds(
-    pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")
+    pairs: DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")
 ) -> list[bool | None]:
     """Return whether each order of a claim holds, one answer per data set and order.
 
@@ -451,7 +451,7 @@ def holds(
 
 
 def draw_deviations(
-    summaries: pd.DataFrame,
+    summaries: DataFrame,
     rows: str,
     labels: Mapping[str, str],
     height_mm: float,

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self, cast
 import cv2
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 from tqdm import tqdm
 
 from kilnflight import chain
@@ -115,7 +116,7 @@ class Subset(NamedTuple):
     name: str
     recording: Recording
     frames: tuple[int, ...]
-    particles: pd.DataFrame
+    particles: DataFrame
     instances: Callable[[int], Integers]
     background: BackgroundModel
     cache: dict[int, View]
@@ -129,7 +130,7 @@ class Subset(NamedTuple):
         """
         shown = {recording.frame(t).index: t for t in frames}
 
-        def marks(number: int) -> tuple[Integers, pd.DataFrame]:
+        def marks(number: int) -> tuple[Integers, DataFrame]:
             labels = recording.frame(shown[number]).labels
             assert labels is not None  # these frames are labelled
             return mark_labels(labels)
@@ -204,7 +205,7 @@ def labelled_subsets(
     return subsets
 
 
-def mark_labels(labels: Picture) -> tuple[Integers, pd.DataFrame]:
+def mark_labels(labels: Picture) -> tuple[Integers, DataFrame]:
     """Return the particle (rows, cols) at each pixel (-1: none), and all particles.
 
     Returns
@@ -223,7 +224,7 @@ def mark_labels(labels: Picture) -> tuple[Integers, pd.DataFrame]:
         )
         spot = spots > 0
         image[spot] = spots[spot] - 1 + first
-        part = pd.DataFrame({"row": places[1:, 1], "col": places[1:, 0]})
+        part = DataFrame({"row": places[1:, 1], "col": places[1:, 0]})
         parts.append(part.assign(label=kind))
         first += count - 1
     table = pd.concat(parts, ignore_index=True)
@@ -261,7 +262,7 @@ def open_labelled(path: Path) -> list[Subset]:
 def score_methods(
     subsets: Iterable[Subset],
     methods: Mapping[Any, Method],
-) -> pd.DataFrame:
+) -> DataFrame:
     """Count true, false and missed detections of each method in each labelled frame.
 
     Parameters
@@ -286,7 +287,7 @@ def score_methods(
             if not rows:
                 _warm_up(methods, view)
             rows += _frame_rows(subset, view, methods)
-    return pd.DataFrame(rows)
+    return DataFrame(rows)
 
 
 def _warm_up(methods: Mapping[Any, Method], view: View) -> None:
@@ -428,7 +429,7 @@ def wall_points(subset: Subset) -> Array:
 
 def score_at_chosen(
     subsets: list[Subset], scale: str, rule: Combination = OURS
-) -> pd.DataFrame:
+) -> DataFrame:
     """Count the detections of DoG at the threshold chosen for each subset.
 
     The `tried_thresholds` of the scale are compared on two or more subsets (Tables 5.6
@@ -438,7 +439,7 @@ def score_at_chosen(
     return at_chosen(score_methods(subsets, methods))
 
 
-def at_chosen(table: pd.DataFrame) -> pd.DataFrame:
+def at_chosen(table: DataFrame) -> DataFrame:
     """Take the threshold of each subset that is best on the other subsets.
 
     Parameters
@@ -461,7 +462,7 @@ def at_chosen(table: pd.DataFrame) -> pd.DataFrame:
     return chosen.rename(columns={"method": "threshold"}).assign(seconds=np.nan)
 
 
-def best_threshold(table: pd.DataFrame) -> float:
+def best_threshold(table: DataFrame) -> float:
     """Return the threshold of the best F1, of equal ones the highest.
 
     ``table`` is from `score_methods` of thresholds.
@@ -477,7 +478,7 @@ def tried_thresholds(scale: str) -> tuple[int, ...]:
     return THRESHOLDS
 
 
-def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+def sum_counts(table: DataFrame, by: list[str]) -> DataFrame:
     """Sum the counts of `score_methods` over frames, with precision, recall and F1.
 
     Parameters
@@ -504,7 +505,7 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return pd.concat([sums[COUNTS].reset_index(), shares], axis=1)
 
 
-def place_marked(subsets: Iterable[Subset], wall: Cylinder) -> pd.DataFrame:
+def place_marked(subsets: Iterable[Subset], wall: Cylinder) -> DataFrame:
     """Place marked particles, with their distance from the axis of the kiln.
 
     Fig. 3.11 shows these distances. The threshold between air and wall follows from
@@ -529,19 +530,19 @@ def place_marked(subsets: Iterable[Subset], wall: Cylinder) -> pd.DataFrame:
     return with_distance(pd.concat(parts, ignore_index=True), wall)
 
 
-def _mean_places(subset: Subset, view: View) -> pd.DataFrame:
+def _mean_places(subset: Subset, view: View) -> DataFrame:
     """Return the marked particles of a view with the mean of their points in mm."""
     columns = ["frame", "particle", "row", "col", "label"]
     here = subset.particles["frame"] == view.number
     row, col = view.pixels.T
     shown = subset.instances(view.number)[row, col]
-    means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
+    means = DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
     particles = subset.particles.loc[here, columns].assign(subset=subset.name)
     return particles.join(means, on="particle")
 
 
-def with_distance(table: pd.DataFrame, wall: Cylinder) -> pd.DataFrame:
+def with_distance(table: DataFrame, wall: Cylinder) -> DataFrame:
     """Add ``distance_mm`` from the axis to places in mm, NaN without depth."""
     known = table.dropna(subset="z")[["x", "y", "z"]]
-    distance = pd.Series(distance_to_axis(known, wall), known.index)
+    distance = Series(distance_to_axis(known, wall), known.index)
     return table.assign(distance_mm=distance)

@@ -6,6 +6,7 @@ beside the publication, and draw frames anew for intervals.
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.experiments.detection.labelled import COUNTS, sum_counts
 from kilnflight.publication import claims
@@ -15,7 +16,7 @@ from kilnflight.simulated.kiln import truth
 RATES = ["precision", "recall", "f1"]
 
 
-def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+def with_total(table: DataFrame, by: list[str]) -> DataFrame:
     """Sum counts of each subset, and below them of all subsets ("Total").
 
     ``by`` contains ``subset``. The total does not keep ``threshold`` apart, since each
@@ -26,7 +27,7 @@ def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return pd.concat([sum_counts(table, by), total], ignore_index=True)
 
 
-def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
+def beside_published(table: DataFrame, name: str) -> DataFrame:
     """Add the published rates to a table as columns ``..._published``.
 
     ``name`` is a published table such as "table_5.11"; rows match by ``subset`` or
@@ -38,7 +39,7 @@ def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
     return table.merge(printed, how="left", on=keys)
 
 
-def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+def class_recall(table: DataFrame, by: list[str]) -> DataFrame:
     """Sum the recall of each class of particles (as in Figs 5.5 and 5.6).
 
     Counts of ``table`` (from `kilnflight.experiments.detection.labelled.score_methods`)
@@ -57,16 +58,16 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         fn = sums[f"fn_{label}"]
         recall = tp / (tp + fn)  # NaN where none is marked
         columns = {"label": label, "tp": tp, "fn": fn, "recall": recall, "kind": kind}
-        parts.append(pd.DataFrame(columns).reset_index())
+        parts.append(DataFrame(columns).reset_index())
     return pd.concat(parts, ignore_index=True)
 
 
-def f1_by_method(table: pd.DataFrame) -> pd.Series:
+def f1_by_method(table: DataFrame) -> Series:
     """Sum the counts of `labelled.score_methods`; return F1 by method."""
     return sum_counts(table, ["method"]).set_index("method")["f1"]
 
 
-def resampled_rates(table: pd.DataFrame, seed: int) -> dict[str, pd.DataFrame]:
+def resampled_rates(table: DataFrame, seed: int) -> dict[str, DataFrame]:
     """Draw frames anew; return precision, recall and F1, (draws, methods) each.
 
     ``table`` is from `labelled.score_methods`. Frames are drawn with replacement within
@@ -83,8 +84,8 @@ def resampled_rates(table: pd.DataFrame, seed: int) -> dict[str, pd.DataFrame]:
         wide = rows.pivot(index="frame", columns="method", values=COUNTS)
         picked = generator.integers(len(wide), size=(draws, len(wide)))
         sums.append(wide.to_numpy()[picked].sum(axis=1))
-    total = pd.DataFrame(np.sum(sums, axis=0), columns=wide.columns)
-    tp, fp, fn = (pd.DataFrame(total[count]) for count in COUNTS)
+    total = DataFrame(np.sum(sums, axis=0), columns=wide.columns)
+    tp, fp, fn = (DataFrame(total[count]) for count in COUNTS)
     return {
         "precision": tp / (tp + fp).clip(lower=1),
         "recall": tp / (tp + fn).clip(lower=1),
@@ -92,9 +93,7 @@ def resampled_rates(table: pd.DataFrame, seed: int) -> dict[str, pd.DataFrame]:
     }
 
 
-def f1_with_intervals(
-    table: pd.DataFrame, published: pd.Series, seed: int
-) -> pd.DataFrame:
+def f1_with_intervals(table: DataFrame, published: Series, seed: int) -> DataFrame:
     """Add a 95 % interval over draws of frames to the F1 of each method.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.experiments.flights import campaigns
 from kilnflight.experiments.flights.campaigns import Campaign, counted_flights, stack
@@ -24,12 +25,12 @@ QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 class FlightTables(NamedTuple):
     """Measured flights of one campaign, by the whole chain or with a step replaced."""
 
-    flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
-    slices: pd.DataFrame  # `kilnflight.tables.SLICES`
-    particles: pd.Series  # index: track; value: its true particle, -1: none
+    flights: DataFrame  # `kilnflight.tables.FLIGHTS`
+    slices: DataFrame  # `kilnflight.tables.SLICES`
+    particles: Series  # index: track; value: its true particle, -1: none
 
 
-def true_flights(campaign: Campaign) -> pd.DataFrame:
+def true_flights(campaign: Campaign) -> DataFrame:
     """Return the true flights within the frames of a campaign, one row per particle.
 
     Returns
@@ -43,7 +44,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     life = campaigns.twin_of(campaign).life
     particle = life.table["particle"]
     ending = life.table["end"]
-    table = pd.DataFrame(
+    table = DataFrame(
         {
             "particle": particle,
             "measurable": particle.isin(campaigns.true_positions(campaign)["particle"]),
@@ -56,7 +57,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     return table[campaigns.whole_flights(campaign)]
 
 
-def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
+def compare(measured: FlightTables, true: DataFrame) -> DataFrame:
     """Return measured beside true values, a row per particle and false flight.
 
     False flights belong to no particle and come last.
@@ -87,7 +88,7 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     return both.astype({"track": np.int64})
 
 
-def with_particles(measured: FlightTables) -> pd.DataFrame:
+def with_particles(measured: FlightTables) -> DataFrame:
     """Return the longest accepted flight of each true particle, and the false flights.
 
     Returns
@@ -114,14 +115,14 @@ def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables
         yield campaign, FlightTables(tables.flights, tables.slices, particles)
 
 
-def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
+def compare_campaigns(results: campaigns.Results) -> DataFrame:
     """Return `compare` of all campaigns, ``fraction`` and ``pressure_bar`` first."""
     return stack(
         {each.key: compare(ours, true_flights(each)) for each, ours in matched(results)}
     )
 
 
-def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
+def errors(both: DataFrame, seed: int = 0) -> dict[str, float]:
     """Return bias and spread of measured quantities, and counts of particles.
 
     Parameters
@@ -170,7 +171,7 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     return row
 
 
-def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
+def particle_of_track(tracks: DataFrame, true: DataFrame) -> Series:
     """Return the true particle of each track, a Series over tracks; -1: none.
 
     It is the particle of most of the track's detections, if it has at least half of

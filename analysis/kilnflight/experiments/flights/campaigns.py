@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 
 from kilnflight import chain, regression
 from kilnflight.arrays import Array, Flags
@@ -92,7 +93,7 @@ class LearnedSettings:
     wall: Cylinder
     in_air_mm: float
 
-    def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
+    def in_air(self, detections: DataFrame) -> DataFrame:
         """Return the detections in the air or without depth, to be tracked (4.1.3).
 
         ``detections`` are `kilnflight.tables.DETECTIONS`; those on the wall are left
@@ -121,7 +122,7 @@ def settings_from_labels(
     return LearnedSettings(row["threshold"], wall, row["in_air_mm"])
 
 
-def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
+def _settings(scale: str, seed: int, scenario: str) -> DataFrame:
     """Return `settings_from_labels` as one row, lengths in mm."""
     subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
     methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
@@ -138,7 +139,7 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
         "radius_mm": wall.radius_mm,
         "in_air_mm": limit + BEYOND_CROSSING_MM,
     }
-    return pd.DataFrame([row])
+    return DataFrame([row])
 
 
 class Campaign(NamedTuple):
@@ -243,10 +244,10 @@ class Measurement(NamedTuple):
     Each field has the name of the step of `kilnflight.chain.Chain` that makes it.
     """
 
-    tracks: pd.DataFrame  # detections in the air with ``particle``, the track; -1: none
-    trajectories: pd.DataFrame  # kilnflight.tables.TRAJECTORIES
-    flights: pd.DataFrame  # kilnflight.tables.FLIGHTS
-    slices: pd.DataFrame  # kilnflight.tables.SLICES
+    tracks: DataFrame  # detections in the air with ``particle``, the track; -1: none
+    trajectories: DataFrame  # kilnflight.tables.TRAJECTORIES
+    flights: DataFrame  # kilnflight.tables.FLIGHTS
+    slices: DataFrame  # kilnflight.tables.SLICES
 
     def of(self, key: CampaignKey) -> Measurement:
         """Return the tables of one campaign, without its key."""
@@ -275,22 +276,22 @@ def measure_campaigns(
     return tables._replace(slices=tables.slices[possible].reset_index(drop=True))
 
 
-def stack(tables: Mapping[CampaignKey, pd.DataFrame]) -> pd.DataFrame:
+def stack(tables: Mapping[CampaignKey, DataFrame]) -> DataFrame:
     """Return one table of all campaigns, fraction and pressure as first columns."""
     return pd.concat(tables, names=KEYS).reset_index(KEYS).reset_index(drop=True)
 
 
-def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFrame:
+def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> DataFrame:
     """Return a table of one row per campaign, fraction and pressure first."""
-    return stack({key: pd.DataFrame([row]) for key, row in rows.items()})
+    return stack({key: DataFrame([row]) for key, row in rows.items()})
 
 
-def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
+def of_campaign(table: DataFrame, key: CampaignKey) -> DataFrame:
     """Return the rows of a campaign."""
     return table[(table[KEYS] == key).all(axis=1)]
 
 
-def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
+def counted_flights(flights: DataFrame) -> DataFrame:
     """Return the flights from the lance (Fig. 4.21) that the run does not reject.
 
     By default it rejects none.
@@ -298,7 +299,7 @@ def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
     return kept(flights[flights["from_lance"]])
 
 
-def of_counted(table: pd.DataFrame, flights: pd.DataFrame) -> pd.DataFrame:
+def of_counted(table: DataFrame, flights: DataFrame) -> DataFrame:
     """Return the rows of a table of all campaigns that belong to `counted_flights`.
 
     ``table`` and ``flights`` are fields of one `Measurement`; ``table`` has the column
@@ -354,7 +355,7 @@ def twin_of(campaign: Campaign) -> Twin:
     return recording
 
 
-def true_positions(campaign: Campaign) -> pd.DataFrame:
+def true_positions(campaign: Campaign) -> DataFrame:
     """Return true positions of visible particles in the air, one row each.
 
     The columns are those of `kilnflight.simulated.kiln.truth.sightings`. Particles with

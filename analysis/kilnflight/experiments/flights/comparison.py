@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import ArrayLike
 from kilnflight.experiments.flights.campaigns import CAMPAIGNS, KEYS, CampaignKey
@@ -89,7 +90,7 @@ def interval_of(
     return Interval(percent, low, high, counted)
 
 
-def printed_numbers() -> pd.DataFrame:
+def printed_numbers() -> DataFrame:
     """Return the numbers that the thesis prints on flight and ignition (section 5.3).
 
     Returns
@@ -112,7 +113,7 @@ def printed_numbers() -> pd.DataFrame:
 
 
 @cache  # the judgement of each choice needs it
-def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> pd.DataFrame:
+def put_in(runs: tuple[CampaignKey, ...], count: int, seed: int) -> DataFrame:
     """Return every outcome of flights by the laws that were put in, beside the print.
 
     ``count`` particles of each run are released. The columns are those of
@@ -131,7 +132,7 @@ def recovery(
     true: Values,
     wanted: Sequence[Outcome],
     generator: np.random.Generator,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Compare measured medians and shares with what was put in and with the truth.
 
     Parameters
@@ -178,7 +179,7 @@ def recovery(
         rows.append(row)
     known = put_in(tuple(measured), PUT_IN, 0).drop_duplicates([*KEYS, "outcome"])
     known = known.drop(columns=["low", "high"]).fillna({"printed": ""})
-    return known.merge(pd.DataFrame(rows), "right")
+    return known.merge(DataFrame(rows), "right")
 
 
 def differences(
@@ -187,7 +188,7 @@ def differences(
     outcome: Outcome,
     pairs: Iterable[tuple[CampaignKey, CampaignKey]],
     generator: np.random.Generator,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return how one outcome differs between pairs of campaigns, first minus second.
 
     ``measured``, ``true`` and ``generator`` are those of `recovery`. Pairs that were
@@ -211,10 +212,10 @@ def differences(
         real = outcome.estimate(true[first]) - outcome.estimate(true[second])
         rows.append((*first, *second, outcome.label, *ends, real))
     names = [*KEYS, "other", "other_bar", "outcome", "measured", "low", "high", "true"]
-    return pd.DataFrame(rows, columns=names)
+    return DataFrame(rows, columns=names)
 
 
-def ends(values: pd.Series, form: str) -> str:
+def ends(values: Series, form: str) -> str:
     """Return the least and the greatest value as text, "-" without values."""
     known = values.dropna()
     if known.empty:
@@ -222,14 +223,14 @@ def ends(values: pd.Series, form: str) -> str:
     return f"{form} to {form}".format(known.min(), known.max())
 
 
-def all_above(table: pd.DataFrame) -> bool | None:
+def all_above(table: DataFrame) -> bool | None:
     """Return whether all `differences` are above 0; None if an interval holds 0."""
     if table.empty:
         return None
     return claims.all_of(*map(claims.beyond, table["low"], table["high"]))
 
 
-def recovered(table: pd.DataFrame) -> bool | None:
+def recovered(table: DataFrame) -> bool | None:
     """Return whether all rows of `recovery` are recovered; None if open or no row."""
     verdicts = set(table["verdict"])
     if "biased" in verdicts:

@@ -7,7 +7,7 @@ detector and tracker.
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Array, ArrayLike
 from kilnflight.detection.region import inside
@@ -23,7 +23,7 @@ LASTING = 15  # frames: trajectories "continue for some time" (sec. 5.2.1)
 BEYOND_CROSSING_MM = 40.0
 
 
-def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.DataFrame:
+def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> DataFrame:
     """Return the true places of particles in the air inside the region of interest.
 
     Parameters
@@ -54,19 +54,19 @@ def true_paths(law: Law, scene: Scene, count: int = 500, seed: int = 0) -> pd.Da
     return in_view(scene, position_m, particle=particle, frame=frame)
 
 
-def in_view(scene: Scene, position_m: Array, **columns: Any) -> pd.DataFrame:
+def in_view(scene: Scene, position_m: Array, **columns: Any) -> DataFrame:
     """Return the places (n, 3) inside the region of interest, with other columns (n,).
 
     ``position_m`` is in the kiln; ``row``, ``col`` are px, and ``x``, ``y``, ``z`` mm.
     """
     xyz = scene.geometry.to_camera(position_m)
     row, col = scene.geometry.project(xyz)
-    table = pd.DataFrame({**columns, "row": row, "col": col})
+    table = DataFrame({**columns, "row": row, "col": col})
     table[["x", "y", "z"]] = xyz
     return table[inside(scene.roi, row, col)].reset_index(drop=True)
 
 
-def regular_share(paths: pd.DataFrame) -> float:
+def regular_share(paths: DataFrame) -> float:
     """Return the share of true paths that the elimination calls regular (Eq. 4.15).
 
     Paths are cut into windows of `WINDOW` frames, as the ground truth of Table 5.15 is;
@@ -85,8 +85,8 @@ def regular_share(paths: pd.DataFrame) -> float:
 
 
 def seen_by_camera(
-    paths: pd.DataFrame, scene: Scene, own_mm: ArrayLike, seed: int = 0
-) -> pd.DataFrame:
+    paths: DataFrame, scene: Scene, own_mm: ArrayLike, seed: int = 0
+) -> DataFrame:
     """Return true paths as the depth camera sees them, moved along the rays.
 
     Parameters
@@ -113,9 +113,7 @@ def seen_by_camera(
     return paths.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
 
 
-def fit_medians(
-    paths: pd.DataFrame, exit_point_mm: ArrayLike, rate_hz: float
-) -> pd.Series:
+def fit_medians(paths: DataFrame, exit_point_mm: ArrayLike, rate_hz: float) -> Series:
     """Return medians of RMSE in mm and of R2 of the fits of paths (Table 5.18).
 
     ``first_m_s`` is the median velocity in the first metre (Eq. 5.8).

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Array
 from kilnflight.background.sliding_median import stack_median
@@ -17,10 +17,10 @@ STRETCH = 151  # frames with one median background: 75 before and 75 after (Tabl
 
 
 def count_lit(
-    flights: pd.DataFrame,
-    flying: pd.DataFrame,
+    flights: DataFrame,
+    flying: DataFrame,
     outcomes: Mapping[int, str],
-    ignites: pd.Series,
+    ignites: Series,
 ) -> dict[str, float]:
     """Count flights that ignite by the test, and how often it is right.
 
@@ -53,7 +53,7 @@ def count_lit(
         ignites. Of these ``_up`` light up, ``_light`` light up or are light at first,
         and ``_gray`` is the median of their median grey values.
     """
-    outcome = pd.Series(outcomes, dtype=object).reindex(flights["particle"])
+    outcome = Series(outcomes, dtype=object).reindex(flights["particle"])
     traces = _traces(flying).reindex(outcome.index)
     rises = outcome == SEEN
     few = ~rises & (outcome != NONE)
@@ -75,11 +75,11 @@ def count_lit(
     return count
 
 
-def _traces(flying: pd.DataFrame) -> pd.DataFrame:
+def _traces(flying: DataFrame) -> DataFrame:
     """Return ``at_first`` (bright at first sight) and median ``gray``, by particle."""
     first = flying.groupby("particle").head(LEAST_POINTS)
     brighter = first["gray"] > (1.0 + SHARE) * first["background"]
-    return pd.DataFrame(
+    return DataFrame(
         {
             "at_first": brighter.groupby(first["particle"]).all(),
             "gray": flying.groupby("particle")["gray"].median(),

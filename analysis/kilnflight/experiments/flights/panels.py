@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Array
 from kilnflight.experiments import plots
@@ -28,7 +28,7 @@ def draw_stretched(
 
 def draw_fits(
     axes: Any,
-    tracks: pd.DataFrame,
+    tracks: DataFrame,
     fits: Mapping[Any, Fit],
     lance_mm: Three,
     gray: bool,
@@ -67,7 +67,7 @@ def draw_fits(
     axes.view_init(elev=15, azim=-65)
 
 
-def draw_flight(axes: Axes, flight: pd.Series, track: pd.DataFrame, fit: Fit) -> None:
+def draw_flight(axes: Axes, flight: Series, track: DataFrame, fit: Fit) -> None:
     """Draw a flight from the side: detections, trajectory unlit and burning, its end.
 
     ``flight`` is a row of `kilnflight.tables.FLIGHTS`, ``track`` has its detections.

@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
@@ -26,9 +26,7 @@ MASKS = {  # Eq. 4.25
 }
 
 
-def joints(
-    tracks: pd.DataFrame, connection: Connection, differences: Any
-) -> pd.DataFrame:
+def joints(tracks: DataFrame, connection: Connection, differences: Any) -> DataFrame:
     """Return the pairs of tracklets that a connection joins, in order (Fig. 4.12).
 
     A tracklet that was joined may be joined again in a later iteration.
@@ -61,7 +59,7 @@ def joints(
     end, start, begin, finish = np.array(met, np.intp).reshape(-1, 4).T
     particle = tracks["particle"].to_numpy()[paths.rows]
     frame = paths.frame
-    found = pd.DataFrame({"earlier": particle[end], "later": particle[start]})
+    found = DataFrame({"earlier": particle[end], "later": particle[start]})
     found["kind"] = np.where(frame[start] <= frame[end], "merging", "connection")
     found[["start_row", "start_col"]] = paths.place[end, :2]
     found[["end_row", "end_col"]] = paths.place[start, :2]

@@ -12,7 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight import tracklets
 from kilnflight.arrays import Array
@@ -57,7 +57,7 @@ class Lance(NamedTuple):
     depth_mm: float
 
 
-def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
+def from_lance(tracks: DataFrame, lance: Lance) -> DataFrame:
     """Return the rows of tracks that start at the lance, without rows in no track.
 
     The median of the first `FIRST` positions must be within `WITHIN_PX` of the outlet,
@@ -80,14 +80,14 @@ def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
     kept = tracklets.tracked(tracks)
     first = kept.sort_values(["particle", "frame"]).groupby("particle").head(FIRST)
     px = np.hypot(first["row"] - lance.row, first["col"] - lance.col)
-    distance = pd.DataFrame({"px": px, "mm": (first["z"] - lance.depth_mm).abs()})
+    distance = DataFrame({"px": px, "mm": (first["z"] - lance.depth_mm).abs()})
     start = distance.groupby(first["particle"]).median()
     too_deep = start["mm"] > WITHIN_MM  # False for NaN
     near = (start["px"] <= WITHIN_PX) & ~too_deep
     return kept[kept["particle"].isin(start.index[near])]
 
 
-def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
+def lasting(tracks: DataFrame) -> DataFrame:
     """Return the rows of tracks that last `LEAST_FRAMES` frames, from first to last."""
     kept = tracklets.tracked(tracks)
     frames = kept.groupby("particle")["frame"]
@@ -95,7 +95,7 @@ def lasting(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def score_from_lance(
-    truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance
+    truth: DataFrame, tracks: DataFrame, lance: Lance
 ) -> TrackScore | None:
     """Return the score of tracks from the lance.
 
@@ -136,7 +136,7 @@ Cells = Mapping[Key, Scored]
 
 
 def score_cell(
-    truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance, seed: Sequence[int]
+    truth: DataFrame, tracks: DataFrame, lance: Lance, seed: Sequence[int]
 ) -> Scored:
     """Return the scored cell of a window's tracks from the lance.
 
@@ -165,7 +165,7 @@ def _ends(draws: Array) -> tuple[float, float]:
     return low, high
 
 
-def tabulate(cells: Cells) -> pd.DataFrame:
+def tabulate(cells: Cells) -> DataFrame:
     """Return the measures as Table 5.17, one row per cell, with 95 % intervals.
 
     Returns
@@ -181,13 +181,13 @@ def tabulate(cells: Cells) -> pd.DataFrame:
         for name, draws in zip(MEASURES, cell.draws.T, strict=True):
             row[f"{name}_low"], row[f"{name}_high"] = _ends(draws)
         rows.append(row)
-    return pd.DataFrame(rows)
+    return DataFrame(rows)
 
 
-def published() -> pd.DataFrame:
+def published() -> DataFrame:
     """Return Table 5.17, one row per value: `KEYS`, ``measure``, ``published``."""
     table = claims.published("table_5.17")
-    return pd.DataFrame(
+    return DataFrame(
         {
             "fraction": table["fraction"].map(SINGULARS),
             "tracker": table["algorithm"],
@@ -198,7 +198,7 @@ def published() -> pd.DataFrame:
     )
 
 
-def beside_published(measured: pd.DataFrame) -> pd.DataFrame:
+def beside_published(measured: DataFrame) -> DataFrame:
     """Return the values of `tabulate`, one per row, beside those of Table 5.17.
 
     The columns are `KEYS`, ``measure``, ``recomputed``, ``low``, ``high`` and
@@ -258,11 +258,11 @@ def difference(
     for one, other in zip(first.names(), second.names(), strict=True):
         names.append(one if one == other else f"{one} - {other}")
 
-    def mean(table: pd.DataFrame) -> float:
+    def mean(table: DataFrame) -> float:
         values, other = (table.reindex(each.keys()) for each in (first, second))
         return np.mean(values[measures].to_numpy() - other[measures].to_numpy())
 
-    ours = pd.DataFrame({key: cell.measures for key, cell in cells.items()}).T
+    ours = DataFrame({key: cell.measures for key, cell in cells.items()}).T
     printed = published().pivot(index=KEYS, columns="measure", values="published")
     pairs = zip(first.keys(), second.keys(), strict=True)
     draws = [cells[one].draws - cells[other].draws for one, other in pairs]
@@ -304,7 +304,7 @@ def contrasts(
     yield "track-9", after, after._replace(stage="without"), both
 
 
-def differences(cells: Cells) -> pd.DataFrame:
+def differences(cells: Cells) -> DataFrame:
     """Return the differences that section 5.2.3 claims, by ``claim``.
 
     ``cells`` must hold the paper shreds of both trackers "with" post-processing. The
@@ -335,4 +335,4 @@ def differences(cells: Cells) -> pd.DataFrame:
         "low": jpda - gnn - half,
         "high": jpda - gnn + half,
     }
-    return pd.DataFrame([*rows, false_tracks])
+    return DataFrame([*rows, false_tracks])

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 
 from kilnflight import tracklets
 from kilnflight.arrays import Whole
@@ -46,10 +47,10 @@ from kilnflight.tracklets.paths import PathStep
 # Frames of each scale; 0: as many as in Table 5.15
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # a smoke run has these alone
-Stages = Mapping[str, pd.DataFrame]  # "without" or "with" post-processing -> tracks
+Stages = Mapping[str, DataFrame]  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
 # Function of detections that returns them with ``particle``, -1: none
-Tracker = Callable[[pd.DataFrame], pd.DataFrame]
+Tracker = Callable[[DataFrame], DataFrame]
 
 
 class Window(NamedTuple):
@@ -76,9 +77,9 @@ class Window(NamedTuple):
 
     fraction: str
     frames: range
-    detections: pd.DataFrame
-    truth: pd.DataFrame
-    visible: pd.DataFrame
+    detections: DataFrame
+    truth: DataFrame
+    visible: DataFrame
     differences: StoredDifferences
     lance: Lance
 
@@ -160,7 +161,7 @@ def _window(stored: StoredDifferences, settings: LearnedSettings) -> Window:
 
 
 def processed(
-    window: Window, tracks: pd.DataFrame, steps: Iterable[PathStep] = tracklets.STEPS
+    window: Window, tracks: DataFrame, steps: Iterable[PathStep] = tracklets.STEPS
 ) -> Stages:
     """Return a window's tracks "without" and "with" post-processing by ``steps``."""
     done = tracklets.postprocess(tracks, window.differences, steps)
@@ -196,7 +197,7 @@ def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
     return found
 
 
-def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> Whole:
+def true_particles(detections: DataFrame, true: DataFrame) -> Whole:
     """Return the true particle (n,) of each of n detections; -1: none.
 
     In each frame detections and true positions are paired within `GATE_PX` at the least
@@ -233,14 +234,14 @@ def count_window(window: Window) -> dict[str, object]:
     }
 
 
-def without_gaps(truth: pd.DataFrame) -> pd.DataFrame:
+def without_gaps(truth: DataFrame) -> DataFrame:
     """Return true tracks with a position in every frame between their ends.
 
     Gaps are straight lines. The columns are ``particle``, ``frame``, ``row``, ``col``
     (px), ``x``, ``y`` and ``z`` (mm).
     """
 
-    def filled(track: pd.DataFrame) -> pd.DataFrame:
+    def filled(track: DataFrame) -> DataFrame:
         frames = range(track.index[0], track.index[-1] + 1)
         return track.reindex(frames).interpolate()
 
@@ -248,7 +249,7 @@ def without_gaps(truth: pd.DataFrame) -> pd.DataFrame:
     return places.apply(filled).rename_axis(["particle", "frame"]).reset_index()
 
 
-def flying_paths(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
+def flying_paths(twin: Twin, frames: Iterable[int]) -> DataFrame:
     """Return where the particles in the air are in some frames, visible or not.
 
     The columns are ``particle``, ``frame``, ``row`` and ``col`` (px, in the picture).
@@ -260,13 +261,13 @@ def flying_paths(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
         row, col = place.project(place.to_camera(moment.position_m))
         inside = (row >= 0) & (row < place.rows) & (col >= 0) & (col < place.columns)
         part = {"particle": moment.particle, "frame": t, "row": row, "col": col}
-        parts.append(pd.DataFrame(part)[~moment.landed & inside])
+        parts.append(DataFrame(part)[~moment.landed & inside])
     return pd.concat(parts)
 
 
 def joined_tables(
-    tables: Mapping[tuple[str, str], pd.DataFrame], column: str
-) -> pd.DataFrame:
+    tables: Mapping[tuple[str, str], DataFrame], column: str
+) -> DataFrame:
     """Return all tracks in one table, for the data behind a figure.
 
     ``tables`` has the tracks by fraction and another name, for ``column``. The columns

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array
 from kilnflight.belt.models import (
@@ -87,7 +87,7 @@ class FrictionBelt:
     sampling_hz: float = 100.0
     steps_per_sample: int = 20
 
-    def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
+    def __call__(self, generator: np.random.Generator) -> DataFrame:
         """Simulate particles that slide or roll along the belt; return BELT_TRACKS.
 
         A row is a particle and a sample: frame, particle, time in s, x and y in mm, up
@@ -106,7 +106,7 @@ class FrictionBelt:
         x, y = np.moveaxis(np.stack(samples), -1, 0)
         particle, row = np.nonzero((x < self.end_mm).T)
         frame = first[particle] + row
-        return pd.DataFrame(
+        return DataFrame(
             {
                 "frame": frame,
                 "particle": particle,

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numba import njit
+from pandas import DataFrame
 from scipy.spatial.transform import Rotation
 
 from kilnflight.arrays import Array, Picture, Single
@@ -99,7 +99,7 @@ class Pictures:
         Standard deviation of the noise, new in each frame; assumption.
     """
 
-    tracks: pd.DataFrame
+    tracks: DataFrame
     bulk: Bulk
     seed: int
     view: CameraView = _VIEW
@@ -139,7 +139,7 @@ class Pictures:
             noisy = picture + np.float32(self.noise_gray) * noise
             yield np.rint(noisy).clip(0, 255).astype(np.uint8)
 
-    def _outlines(self, visible: pd.DataFrame) -> Array:
+    def _outlines(self, visible: DataFrame) -> Array:
         """Return the outline (n, 8) of each particle in the picture.
 
         Columns are row, col, direction (rad, from right to down), half length, half
@@ -161,7 +161,7 @@ class Pictures:
         sizes = scale[:, None] * np.array(self.bulk.outline_mm)
         return np.column_stack([middle, direction, sizes, end - middle])
 
-    def _angles(self, visible: pd.DataFrame) -> Array:
+    def _angles(self, visible: DataFrame) -> Array:
         """Return each row's direction (n,) in rad from the x axis, one by particle."""
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
         drawn = np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))
@@ -233,7 +233,7 @@ def _distance(u: np.float32, v: np.float32) -> np.float32:
     return max(u, v)
 
 
-def _velocities(visible: pd.DataFrame) -> Array:
+def _velocities(visible: DataFrame) -> Array:
     """Return each row's velocity (n, 2) in mm/s, x and y, to the particle's next row.
 
     A particle's last row has that of the row before it, a single row 0.
@@ -243,7 +243,7 @@ def _velocities(visible: pd.DataFrame) -> Array:
     return rates.groupby(visible["particle"]).ffill().fillna(0.0).to_numpy()
 
 
-def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
+def at_rate(tracks: DataFrame, frames_per_s: float) -> DataFrame:
     """Return the rows of tracks at the times of a slower camera, with its frames.
 
     ``tracks`` is `kilnflight.tables.BELT_TRACKS`, as is the result, by particle and

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Flags, Index
 from kilnflight.simulated.kiln.fuel import are_sheets
@@ -49,14 +49,14 @@ class Life:
     wall: ``flame_delay_s``, ``flame_s``, ``flicker_phase``.
     """
 
-    table: pd.DataFrame
+    table: DataFrame
     flights: Flights
     share_on: float  # share of a cycle in which a flame on the wall is there
 
     @classmethod
     def of(
         cls,
-        table: pd.DataFrame,
+        table: DataFrame,
         flights: Flights,
         share_on: float,
         generator: np.random.Generator,

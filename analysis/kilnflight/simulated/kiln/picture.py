@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numba import njit
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Flags, Index, Picture, Single
 from kilnflight.simulated.kiln.fuel import are_sheets
@@ -43,7 +43,7 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def draw_bodies(table: pd.DataFrame, seed: int) -> Bodies:
+def draw_bodies(table: DataFrame, seed: int) -> Bodies:
     """Draw the bodies of the particles of a scene (columns as in `Life`)."""
     n = len(table)
     generator = np.random.default_rng([seed, 201])

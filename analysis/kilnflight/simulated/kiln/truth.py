@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from pandas import DataFrame
 from tqdm import tqdm
 
 from kilnflight.arrays import Array, Integers, Single
@@ -29,7 +30,7 @@ NOTED_STEPS = 4
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}
 
 
-def tables(twin: Twin, frames: range) -> dict[str, pd.DataFrame]:
+def tables(twin: Twin, frames: range) -> dict[str, DataFrame]:
     """Return the tables `particles` and `sightings` of some frames.
 
     Raises
@@ -49,7 +50,7 @@ def tables(twin: Twin, frames: range) -> dict[str, pd.DataFrame]:
     }
 
 
-def particles(twin: Twin) -> pd.DataFrame:
+def particles(twin: Twin) -> DataFrame:
     """Return the truth about every particle of a scene, one row each.
 
     Returns
@@ -60,11 +61,11 @@ def particles(twin: Twin) -> pd.DataFrame:
         kiln, in s from its release; NaN if never.
     """
     columns = [f"crossing_{m}m_s" for m in MARKS_M]
-    crossed = pd.DataFrame(twin.life.flights.crossings(), columns=columns)
+    crossed = DataFrame(twin.life.flights.crossings(), columns=columns)
     return twin.life.table.join(crossed)
 
 
-def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
+def marked(twin: Twin, frames: Iterable[int]) -> DataFrame:
     """Return what a person marks in frames.
 
     That is the `sightings` that are visible and in the region of interest, without
@@ -73,7 +74,7 @@ def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     return _join_marks(_see(twin, t, twin.view(t)) for t in frames)
 
 
-def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
+def noted(twin: Twin, frames: Iterable[int]) -> DataFrame:
     """Return what is `marked` in frames, with the places noted for tracking.
 
     Section 5.2.1: positions are noted by hand, NaN where a particle is invisible. Fig.
@@ -94,7 +95,7 @@ def noted(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     return _join_marks(parts)
 
 
-def _join_marks(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
+def _join_marks(parts: Iterable[DataFrame]) -> DataFrame:
     table = pd.concat(parts, ignore_index=True)
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
@@ -116,13 +117,13 @@ def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
     return rows / count, np.bincount(blob, col, len(count)) / count
 
 
-def at_notes(table: pd.DataFrame) -> pd.DataFrame:
+def at_notes(table: DataFrame) -> DataFrame:
     """Return the rows of `noted` that have a noted place, at that place."""
     seen = table.dropna(subset="noted_row")
     return seen.assign(row=seen["noted_row"], col=seen["noted_col"])
 
 
-def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
+def followed(table: DataFrame, shortest: int = 5) -> DataFrame:
     """Return the rows of `marked` particles in the air that have some positions.
 
     ``shortest`` is their least number: "for some time" (section 5.2.1) is all that was
@@ -134,7 +135,7 @@ def followed(table: pd.DataFrame, shortest: int = 5) -> pd.DataFrame:
 
 
 def kept_marks(
-    twin: Twin, frames: range, make: Callable[[Twin, range], pd.DataFrame] = marked
+    twin: Twin, frames: range, make: Callable[[Twin, range], DataFrame] = marked
 ) -> CachedTable:
     """Return the table that keeps what is `marked`, or `noted`, in some frames."""
     depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
@@ -153,7 +154,7 @@ def instances(twin: Twin, t: int) -> Integers:
     return image
 
 
-def sightings(twin: Twin, t: int) -> pd.DataFrame:
+def sightings(twin: Twin, t: int) -> DataFrame:
     """Return every particle that frame ``t`` could show, one row each.
 
     Returns
@@ -171,7 +172,7 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     return _see(twin, t, view).assign(has_depth=deep)
 
 
-def _see(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
+def _see(twin: Twin, t: int, view: SceneView) -> DataFrame:
     """Return the `sightings` of a view of frame ``t`` without ``has_depth``."""
     moment = view.moment
     geometry = twin.scene.geometry
@@ -182,7 +183,7 @@ def _see(twin: Twin, t: int, view: SceneView) -> pd.DataFrame:
     velocity = moment.velocity_m_s @ geometry.axes
     in_picture = (row >= -0.5) & (row <= geometry.rows - 0.5)
     in_picture &= (col >= -0.5) & (col <= geometry.columns - 0.5)
-    return pd.DataFrame(
+    return DataFrame(
         {
             "frame": t,
             "time_s": twin.time_s(t),
