@@ -279,11 +279,11 @@ def assign(track: Index, detection: Index, cost: Array, missed: Array) -> Flags:
     order = np.lexsort((costs, i))
     cheapest = order[np.searchsorted(i, every, sorter=order)]
     wanted = j[cheapest]
-    taken = np.zeros(len(i), np.bool_)
+    taken = np.zeros(len(i), bool)
     taken[cheapest] = True
     rivals = np.bincount(wanted, minlength=1)[wanted] > 1
     if rivals.any():
-        reached = np.zeros(j.max() + 1, np.bool_)
+        reached = np.zeros(j.max() + 1, bool)
         before = 0
         # Tracks whose wanted detection a rival may take become rivals themselves.
         while rivals.sum() > before:

@@ -84,9 +84,9 @@ class DepthCalibration:
 
         Segments are numbered 0, 1, ... by ascending depth.
         """
-        depth = np.asarray(captured_mm, dtype=np.float64)
+        depth = np.asarray(captured_mm, float)
         closed = self.closed_left or (True,) * len(self.breakpoints_mm)
-        index = np.zeros(depth.shape, dtype=np.intp)
+        index = np.zeros(depth.shape, np.intp)
         for point, left in zip(self.breakpoints_mm, closed, strict=True):
             index += (depth >= point) if left else (depth > point)
         return index

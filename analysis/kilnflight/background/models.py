@@ -64,7 +64,7 @@ class Subtraction(Settings):
             np.abs(apart, out=apart)
         else:
             np.maximum(apart, 0, out=apart)
-        return np.asarray(apart, dtype=np.float32)
+        return np.asarray(apart, np.float32)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class TwoFrame(Subtraction):
         ]
         held.fetch([t, *beside])
         total = sum(self._difference(held[t], held[other]) for other in beside)
-        return np.asarray(total / len(beside), dtype=np.float32)
+        return np.asarray(total / len(beside), np.float32)
 
 
 @dataclass(frozen=True)

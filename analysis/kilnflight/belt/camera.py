@@ -276,7 +276,7 @@ class Calibration(NamedTuple):
 
     def pixels(self, places: Array) -> Array:
         """Return row and col in px (n, 2) of x and y on the belt in mm (n, 2)."""
-        inverse = np.asarray(np.linalg.inv(self.matrix), np.float64)
+        inverse = np.asarray(np.linalg.inv(self.matrix), float)
         return _mapped(inverse, places)[:, ::-1]
 
     def window(
@@ -357,7 +357,7 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
         )
     scale = float(mm.sum() / px.sum())
     return Calibration(
-        matrix=np.asarray(matrix, np.float64),
+        matrix=np.asarray(matrix, float),
         error_mm=scale * float(corners.spread_px.max()),
         mm_per_px=scale,
     )

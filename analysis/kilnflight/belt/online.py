@@ -220,7 +220,7 @@ def sort_pictures(
     >>> from kilnflight.belt.camera import Calibration
     >>> from kilnflight.belt.models import CV, LateralCV
     >>> from kilnflight.belt.pictures import Spots
-    >>> film = np.zeros((70, 200, 420), dtype=np.uint8)
+    >>> film = np.zeros((70, 200, 420), np.uint8)
     >>> for k in range(1, 50):
     ...     film[k, 100:108, 6 * k + 12 : 6 * k + 20] = 200
     >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])

@@ -193,7 +193,7 @@ def _time_to(x_mm: float, last: pd.DataFrame) -> Array:
     ``last`` are states BELT_LAST before it. NaN for a particle that turns back.
     """
     names = ["x", "velocity_x_mm_s", "acceleration_x_mm_s2"]
-    x, velocity, acceleration = last[names].to_numpy(np.float64).T
+    x, velocity, acceleration = last[names].to_numpy(float).T
     return time_to_cover(x_mm - x, velocity, acceleration)
 
 
@@ -395,7 +395,7 @@ def evaluate(
 
 def draw_particles(count: int, size: int, generator: np.random.Generator) -> Flags:
     """Return which of ``count`` particles are drawn to calibrate, ``size`` of them."""
-    drawn = np.zeros(count, dtype=bool)
+    drawn = np.zeros(count, bool)
     drawn[generator.choice(count, size, replace=False)] = True
     return drawn
 

@@ -84,7 +84,7 @@ class Spots(Settings):
         """
         check_picture(picture, "picture", background.shape)
         pixels, spot = self._pixels(picture, background)
-        area = np.bincount(spot).astype(np.float64)
+        area = np.bincount(spot).astype(float)
         places = [np.bincount(spot, along) / area for along in pixels.T]
         several = area > TOUCHING_FROM * self.single_px
         found = np.column_stack([*places, area, several])
@@ -94,7 +94,7 @@ class Spots(Settings):
         number = np.rint(area / self.single_px)
         shared = kept & several & (number > 1) & (number <= MOST_PARTS)
         parts = [
-            _parts(pixels[spot == k].astype(np.float64), int(number[k]))
+            _parts(pixels[spot == k].astype(float), int(number[k]))
             for k in np.flatnonzero(shared)
         ]
         return np.concatenate([found[kept & ~shared], *parts])

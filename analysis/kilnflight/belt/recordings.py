@@ -134,7 +134,7 @@ def _cells(path: Path, header: int | None = 0) -> Array:
     """
     damaged = (OSError, ValueError, EOFError, BadZipFile, zlib.error, RuntimeError)
     try:
-        return pd.read_csv(path, header=header).to_numpy(dtype=np.float64)
+        return pd.read_csv(path, header=header).to_numpy(float)
     except damaged as error:
         raise InputError(
             f"{path.name}: no table of numbers ({error}); fetch it again."

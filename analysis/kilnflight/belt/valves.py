@@ -152,7 +152,7 @@ class ValveBar(Settings):
         time_s, y
             True time (s) and place (mm) of each particle at the valves, (n,) each.
         """
-        hit = np.zeros(len(time_s), dtype=bool)
+        hit = np.zeros(len(time_s), bool)
         valve, opens, closes = events
         for number, middle in enumerate(self.middles_mm):
             near = np.flatnonzero(np.abs(y - middle) <= self.width_mm / 2)
@@ -179,5 +179,5 @@ class ValveBar(Settings):
         chosen
             (n,), which of them are to be blown out.
         """
-        time_s, y = arrival[["time_s", "y"]].to_numpy(np.float64).T
+        time_s, y = arrival[["time_s", "y"]].to_numpy(float).T
         return Separation(self.hits(self.events(predicted), time_s, y), chosen)

@@ -79,7 +79,7 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     # rows are taken: indexing narrow rows is several times slower
     return Clusters(
         pixels=np.take(pixels, order, axis=0).astype(np.intp),
-        xyz=np.take(xyz, order, axis=0).astype(np.float64, copy=False),
+        xyz=np.take(xyz, order, axis=0).astype(float, copy=False),
         start=start,
     )
 
@@ -205,7 +205,7 @@ def mean_gray(gray: Anything, discs: Array) -> Array:
     count.
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
-    means = gray[tuple(nearest.T)].astype(np.float64)
+    means = gray[tuple(nearest.T)].astype(float)
     for first in range(0, len(discs), 1000):  # 20 MB at a time for discs of 15 px
         part = discs[first : first + 1000]
         disc, row, col = disc_pixels(np.ascontiguousarray(part), 0.0, gray.shape)
@@ -398,7 +398,7 @@ def _strongest(graded: Array, apart: float) -> Array:
     The last column of ``graded`` is the strength; near is below ``apart`` px.
     """
     spots = graded[np.argsort(-graded[:, 3], kind="stable")]
-    kept = np.ones(len(spots), dtype=np.bool_)
+    kept = np.ones(len(spots), bool)
     for i, k in sorted(KDTree(spots[:, :2]).query_pairs(apart)):
         kept[k] &= not kept[i]
     return spots[kept, :3]
@@ -422,7 +422,7 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     cluster; the second, ``clusterer``, takes the other points.
     """
     first = wall(xyz)
-    labels = np.full(len(xyz), -1, dtype=np.intp)
+    labels = np.full(len(xyz), -1, np.intp)
     off_wall = first != largest_cluster(first)
     labels[off_wall] = clusterer(xyz.compress(off_wall, axis=0))
     return labels

@@ -92,7 +92,7 @@ class DBSCAN(Settings):
         """
         cloud = check_finite(points, "DBSCAN: points", (None, 3))
         if len(cloud) == 0:
-            return np.empty(0, dtype=np.intp)
+            return np.empty(0, np.intp)
         # Two points of one cell are within eps; two within eps are at most two cells
         # apart. The small margin keeps both true after rounding.
         cells = _sort_into_cells(cloud, self.eps / np.sqrt(3.0) * (1 - 1e-8))

@@ -70,7 +70,7 @@ class MorphologicalClustering(Settings):
         """
         cloud = check_finite(points, "MorphologicalClustering: points", (None, 3))
         if len(cloud) == 0:
-            return np.empty(0, dtype=np.intp)
+            return np.empty(0, np.intp)
         shifted = cloud - cloud.min(axis=0)
         extent = shifted.max(axis=0)
         stretched = self.grid * (
@@ -106,4 +106,4 @@ def _joined(keys: Whole, side: int) -> Index:
     links = np.concatenate(pairs, axis=1)
     same = np.ones(links.shape[1], bool)
     graph = coo_array((same, links), shape=(len(keys), len(keys)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)

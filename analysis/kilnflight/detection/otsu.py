@@ -84,7 +84,7 @@ def otsu_threshold(values: ArrayLike) -> int:
 
     Examples
     --------
-    >>> otsu_threshold(np.array([3, 3, 4, 900, 901], dtype=np.uint16))
+    >>> otsu_threshold(np.array([3, 3, 4, 900, 901], np.uint16))
     4
     """
     line = np.reshape(values, (1, -1))
@@ -208,7 +208,7 @@ def flame_mask(gray: Integers, rectangle: tuple[int, int, int, int]) -> Flags:
     one grey value has no flame.
     """
     top, bottom, left, right = rectangle
-    flame = np.zeros(gray.shape, dtype=bool)
+    flame = np.zeros(gray.shape, bool)
     part = gray[top:bottom, left:right]
     above = part > otsu_threshold(part)
     _, regions = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)

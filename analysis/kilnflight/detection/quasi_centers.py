@@ -92,7 +92,7 @@ class QuasiClusterCenters(Settings):
         count = len(cloud)
         k = int(self.k)
         if count <= k:  # no point has a k-th neighbour
-            return np.full(count, NOISE, dtype=np.intp)
+            return np.full(count, NOISE, np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])
         sparsity = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
         centers, groups = _centers(neighbors, sparsity)

@@ -316,7 +316,7 @@ def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
     stride = cols + 2 * most
     lines = _mirrored(top - most, bottom + most, image.shape[0])
     places = _mirrored(left - most, right + most, image.shape[1])
-    patch = np.empty(len(lines) * stride, dtype=np.float32)
+    patch = np.empty(len(lines) * stride, np.float32)
     for i in range(len(lines)):
         line = image[lines[i]]
         target = patch[i * stride : (i + 1) * stride]
@@ -513,7 +513,7 @@ def _reachable(image: Single, level: float) -> Flags:
     low, high = _block_ranges(image)
     # A sum of products of float32 is off by less than this; the bound must not be.
     rounding = 1e-5 * max(abs(float(low.min())), abs(float(high.max())))
-    live = np.zeros(low.shape, dtype=np.bool_)
+    live = np.zeros(low.shape, bool)
     for radius, mass, reach in _BOUNDS:
         near, far = (np.ones(2 * [2 * -(-r // _BLOCK) + 1]) for r in (radius, reach))
         span = cv2.dilate(high, near) - cv2.erode(low, far)
@@ -527,10 +527,10 @@ def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
     Corners (row, col) of the polygon and the ``side`` of a block are in px of the image
     at full size. Two blocks are more than a fit may move and rounding may shift.
     """
-    places = np.asarray(polygon, dtype=np.float64)[:, ::-1] / side  # col, row
+    places = np.asarray(polygon, float)[:, ::-1] / side  # col, row
     corners = np.floor(places).astype(np.int32)
-    drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
-    return cv2.dilate(drawn, np.ones((5, 5), dtype=np.uint8)) > 0
+    drawn = cv2.fillPoly(np.zeros(shape, np.uint8), [corners], 1)
+    return cv2.dilate(drawn, np.ones((5, 5), np.uint8)) > 0
 
 
 @njit(cache=True)

@@ -362,7 +362,7 @@ def upright(places_mm: ArrayLike) -> Array:
     Pictures in space draw depth along their first axis. The y of the camera points up,
     although rows count down.
     """
-    x, y, z = np.asarray(places_mm, dtype=np.float64).reshape(-1, 3).T / 1000.0
+    x, y, z = np.asarray(places_mm, float).reshape(-1, 3).T / 1000.0
     return np.stack([z, x, y])
 
 

@@ -76,7 +76,7 @@ def _layers(foreground: Single, enlarge: int) -> Iterator[Array]:
 
 def pixel_noise(gray: Integers) -> float:
     """Return the noise of a pixel in grey values, from neighbours in a row."""
-    steps = np.abs(np.diff(gray.astype(np.float64), axis=1))
+    steps = np.abs(np.diff(gray.astype(float), axis=1))
     return float(np.median(steps)) * PER_DEVIATION / np.sqrt(2)
 
 

@@ -21,8 +21,8 @@ def background_gray(detections: DataFrame, source: Source, frames: range) -> Arr
     pictures spread over ``frames``. `kilnflight.ignition.Ignition` compares a
     particle's grey values with it.
     """
-    picture = _empty_kiln(source, frames).astype(np.float64)
-    discs = detections[["row", "col", "radius_px"]].to_numpy(np.float64)
+    picture = _empty_kiln(source, frames).astype(float)
+    discs = detections[["row", "col", "radius_px"]].to_numpy(float)
     return mean_gray(picture, discs)
 
 

@@ -186,7 +186,7 @@ def _flight(
     rate. The ``ending`` is empty if the flight ends in the air.
     """
     from_lance, start_mm = starts_at_lance(track[list(AXES)].to_numpy(), fit)
-    time = track["frame"].to_numpy(np.float64) / rate_hz
+    time = track["frame"].to_numpy(float) / rate_hz
     ending = LANDED
     end_s = landing_s(fit, wall, in_air)
     if end_s is None:
@@ -252,7 +252,7 @@ def _goes_on(last: pd.Series, starts: pd.DataFrame, rate_hz: float) -> bool:
     """
     places = ["row", "col"]
     after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
-    apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)
+    apart = np.hypot(*(starts[places] - last[places]).to_numpy(float).T)
     return bool(((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any())
 
 

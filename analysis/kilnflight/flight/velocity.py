@@ -167,7 +167,7 @@ def _reached(fit: Fit, end: float, step: float) -> list[float]:
     ``step`` is in mm, below 0 for slices behind the lance; ``end`` is the age at the
     end of the flight. Ages count from t0.
     """
-    factors = -np.array(fit.coefficients[2], dtype=np.float64)
+    factors = -np.array(fit.coefficients[2], float)
 
     def far(at: Array | float) -> Array:
         """Return the depth travelled, in steps, at ages in s; below 0: behind."""

@@ -147,7 +147,7 @@ def draw_frame(axes: Axes, gray: Anything, step: int = 2) -> None:
         incomplete blocks at the right and at the bottom are cut off.
     """
     rows, cols = (length - length % step for length in gray.shape)
-    whole = gray[:rows, :cols].astype(np.float64)
+    whole = gray[:rows, :cols].astype(float)
     blocks = whole.reshape(rows // step, step, cols // step, step)
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     axes.imshow(np.sqrt(blocks.mean(axis=(1, 3))), cmap="gray", extent=extent)

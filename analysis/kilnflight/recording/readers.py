@@ -406,7 +406,7 @@ def _read_text(path: Path, named: bool) -> Anything:
         skipinitialspace=True,
     )
     if header is None or not named:
-        return table.to_numpy(np.float64)
+        return table.to_numpy(float)
     units = r"\s*([\[(].*[\])]|_mm)$"
     table.columns = (
         table.columns.str.strip().str.lower().str.replace(units, "", regex=True)
@@ -414,7 +414,7 @@ def _read_text(path: Path, named: bool) -> Anything:
     table = table.rename(columns=SAME)
     for names in NAMED:
         if {*names} <= {*table.columns}:
-            return table[names].to_numpy(np.float64)
+            return table[names].to_numpy(float)
     told = " or ".join(", ".join(names) for names in NAMED)
     raise InputError(f"its columns are {', '.join(table.columns)}; name them {told}")
 

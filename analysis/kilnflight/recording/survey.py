@@ -75,7 +75,7 @@ def draft(folder: Path) -> tuple[list[str], str]:
         "# flame_roi = [900, 1200, 850, 1150]  # ? burner: rows 900 to 1199, columns "
         "850 to 1149, counted from 0",
     ]
-    gray = np.asarray(chosen["gray"].first, np.float64)
+    gray = np.asarray(chosen["gray"].first, float)
     subsets = _subsets(chosen["gray"], folder)
     if not subsets:
         lines.append("# subsets = { V1 = [1, 10], V2 = [11, 20] }  # ? frames of each")
@@ -130,7 +130,7 @@ def _subsets(series: Series, folder: Path) -> list[str]:
 
 def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     """Return the lines of a manifest on coordinates, by those of the first file."""
-    array = np.asarray(series.first, np.float64)
+    array = np.asarray(series.first, float)
     form = series.form
     if form == "cloud" and len(array) == size[0] * size[1]:
         form = "grid"
@@ -236,10 +236,10 @@ def check_frame_fits(frame: Frame, where: str) -> None:
 
     ``where`` begins the message, which names the line to change.
     """
-    xyz = np.asarray(frame.xyz, np.float64)
+    xyz = np.asarray(frame.xyz, float)
     if len(xyz) >= LEAST_POINTS:
         row, col = frame.pixels.T
-        down, right = _follow(row, col, xyz, np.ones(len(xyz), np.bool_))
+        down, right = _follow(row, col, xyz, np.ones(len(xyz), bool))
         line = ""
         if _invalid(xyz[:, 2]) != "nan":
             line = "many points have one depth; set invalid"

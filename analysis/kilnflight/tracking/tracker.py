@@ -184,7 +184,7 @@ def track(
     """
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
-    particle = np.full(len(detections), -1, dtype=np.int64)
+    particle = np.full(len(detections), -1, np.int64)
     links = np.full(len(detections), np.nan)
     shared = list[Shares]()
     bar = tqdm(
@@ -236,7 +236,7 @@ def _averaged(detections: pd.DataFrame, shared: Sequence[Shares]) -> pd.DataFram
     """
     at, rows, weights = map(np.concatenate, zip(*shared, strict=True))
     names = detections.columns.intersection(["row", "col", "x", "y", "z"])
-    places = detections[names].astype(np.float64)
+    places = detections[names].astype(float)
     used = places.iloc[rows]
     sums = used.mul(weights, axis=0).groupby(at).sum()
     means = sums / used.notna().mul(weights, axis=0).groupby(at).sum()
@@ -279,11 +279,11 @@ def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
     table = with_pixels(table)
     rows = np.arange(len(table))
     if "particle" in table.columns:
-        rows = rows[(table["particle"] != -1).to_numpy(dtype=bool, na_value=True)]
+        rows = rows[(table["particle"] != -1).to_numpy(bool, na_value=True)]
         table = table.iloc[rows]
     if "z" not in table.columns:
         table = table.assign(z=np.nan)
-    frames, row, col, z = TO_TRACK.check(table, once=True).to_numpy(np.float64).T
+    frames, row, col, z = TO_TRACK.check(table, once=True).to_numpy(float).T
     points = np.full(len(table), np.nan)
     if "points" in table.columns:
         where = f"{TO_TRACK.name}: column points"
@@ -472,7 +472,7 @@ def choose_owners(pairs: Pairs, weights: Array | Flags) -> Index:
     chosen = weight > 1.0 - given
     chosen |= _first(detection) & (real > 0.5)
     chosen |= _first(track) & (given > 0.5)
-    free = np.ones(n, np.bool_)
+    free = np.ones(n, bool)
     for i, j in zip(track[chosen].tolist(), detection[chosen].tolist(), strict=True):
         if free[i] and owner[j] < 0:
             owner[j] = i
@@ -482,6 +482,6 @@ def choose_owners(pairs: Pairs, weights: Array | Flags) -> Index:
 
 def _first(values: Index) -> Flags:
     """Return which values (n,) are the first of their kind."""
-    first = np.zeros(len(values), np.bool_)
+    first = np.zeros(len(values), bool)
     first[np.unique(values, return_index=True)[1]] = True
     return first

@@ -89,7 +89,7 @@ def regularity(names: Index, frame: Whole, place: Array) -> Array:
     first = np.cumsum(count) - count
 
     def sums(values: Array) -> Array:
-        return np.bincount(names, values).astype(np.float64)[names]
+        return np.bincount(names, values).astype(float)[names]
 
     def centred(values: Array) -> Array:
         return values - sums(values) / count[names]

@@ -160,7 +160,7 @@ class Joining(PathStep):
         out. In each iteration only pairs with a tracklet that was just joined get a new
         cost.
         """
-        changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
+        changed = np.ones(len(paths.starts) - 1, bool)
         known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
         while True:
             new = self.candidates(paths, changed)
@@ -484,7 +484,7 @@ def _once(pairs: Candidates) -> Candidates:
         if used.isdisjoint(pair):
             used.update(pair)
             chosen.append(k)
-    return _take(pairs, np.array(chosen, dtype=np.int64))
+    return _take(pairs, np.array(chosen, np.int64))
 
 
 def _merge(paths: Paths, chosen: Candidates) -> Paths:

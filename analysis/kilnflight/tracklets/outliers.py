@@ -168,7 +168,7 @@ class Cutting(Settings):
         paths = read_paths(tracks, "Cutting: tracks")
         if paths.place.shape[1] < 5:
             return tracks
-        cuts = np.zeros(len(paths.rows), dtype=np.int64)
+        cuts = np.zeros(len(paths.rows), np.int64)
         known = ~np.isnan(paths.place[:, 2:].sum(axis=1))
         for path in np.split(np.arange(len(cuts)), paths.starts[1:-1]):
             points = path[known[path]]
@@ -203,7 +203,7 @@ class Cutting(Settings):
         direction.
         """
         if len(depth) < 2 * LEAST_PART:
-            return np.zeros(len(depth) - 1, dtype=np.bool_)
+            return np.zeros(len(depth) - 1, bool)
         both = np.stack([time, depth])
         around = sliding_window_view(both, 2 * LEAST_PART, axis=1)
         before = around[:, :, :LEAST_PART, None]

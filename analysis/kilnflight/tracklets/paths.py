@@ -136,11 +136,11 @@ def write_paths(tracks: DataFrame, paths: Paths) -> DataFrame:
     ``tracks`` must be the table from which `read_paths` made the paths: `Paths.rows`
     are its row numbers.
     """
-    particle = np.full(len(tracks), -1, dtype=np.int64)
+    particle = np.full(len(tracks), -1, np.int64)
     particle[paths.rows] = paths.names()
     table = tracks.assign(particle=particle)
     for k, name in enumerate(_places(tracks)):
-        values = tracks[name].to_numpy(np.float64, na_value=np.nan).copy()
+        values = tracks[name].to_numpy(float, na_value=np.nan).copy()
         values[paths.rows] = paths.place[:, k]
         table[name] = values
     return table

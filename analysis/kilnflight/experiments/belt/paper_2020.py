@@ -171,7 +171,7 @@ def resample(tracks: DataFrame, rate_hz: float) -> DataFrame:
         position.
     """
     table = tracks.sort_values(["particle", "frame"], kind="stable")
-    columns = table[["time_s", "x", "y"]].to_numpy(np.float64)
+    columns = table[["time_s", "x", "y"]].to_numpy(float)
     particles, starts = np.unique(table["particle"].to_numpy(), return_index=True)
     frames = []
     places = []
@@ -245,7 +245,7 @@ def velocities_at(steps: DataFrame, column: str, x_mm: Array) -> Array:
         np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
         for _, track in steps.groupby("particle", sort=False)
     ]
-    return np.array(rows, dtype=np.float64)
+    return np.array(rows, float)
 
 
 def compare_models(

@@ -414,9 +414,9 @@ def flight_values(
         for name, end_s in zip(counted["particle"], counted["end_s"], strict=True)
     ]
     return FlightValues(
-        dwell_s=counted.loc[~lost, "dwell_s"].to_numpy(np.float64),
-        velocity_m_s=wide.to_numpy(np.float64),
-        ignition_s=counted["ignition_s"].to_numpy(np.float64),
-        reached_m=np.array(reached_mm, np.float64) / 1000.0,
+        dwell_s=counted.loc[~lost, "dwell_s"].to_numpy(float),
+        velocity_m_s=wide.to_numpy(float),
+        ignition_s=counted["ignition_s"].to_numpy(float),
+        reached_m=np.array(reached_mm, float) / 1000.0,
         lost=lost,
     )

@@ -51,7 +51,7 @@ def interval_columns(interval: Interval) -> dict[str, float]:
 
 def median_of(values: ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of the known (finite) values, with its interval."""
-    sample = np.asarray(values, np.float64)
+    sample = np.asarray(values, float)
     return intervals.median_interval(sample[np.isfinite(sample)], generator)
 
 

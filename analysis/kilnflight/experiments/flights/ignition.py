@@ -106,4 +106,4 @@ def optical_picture(recording: Recording, frames: range) -> Array:
             gray = known[t] if t in known else recording.gray(t)
             change = gray - background
             np.copyto(most, change, where=np.abs(change) > np.abs(most))
-    return (background + most).astype(np.float64)
+    return (background + most).astype(float)

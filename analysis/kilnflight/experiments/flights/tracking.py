@@ -204,9 +204,9 @@ def true_particles(detections: DataFrame, true: DataFrame) -> Whole:
     sum of distances (Eq. 3.4). Both tables have ``frame``, ``row``, ``col``; ``true``
     has ``particle``.
     """
-    owner = np.full(len(detections), -1, dtype=np.int64)
-    spots = detections[["row", "col"]].to_numpy(np.float64)
-    places = true[["row", "col"]].to_numpy(np.float64)
+    owner = np.full(len(detections), -1, np.int64)
+    spots = detections[["row", "col"]].to_numpy(float)
+    places = true[["row", "col"]].to_numpy(float)
     particle = true["particle"].to_numpy()
     visible = true.groupby("frame").indices
     for frame, here in detections.groupby("frame").indices.items():

@@ -129,7 +129,7 @@ def _label(life: Life, scene: Scene) -> tuple[Integers, Flags]:
     """
     geometry = scene.geometry
     labels = np.zeros((len(LABELLED), len(life.table)), np.int8)
-    within = np.zeros(labels.shape, np.bool_)
+    within = np.zeros(labels.shape, bool)
     for k, t in enumerate(LABELLED):
         moment = life.at(t / scene.frame_rate_hz)
         row, col = geometry.project(geometry.to_camera(moment.position_m))

@@ -62,4 +62,4 @@ FRACTIONS = {row["name"]: Fraction(**row) for row in _TABLE.to_dict("records")}
 
 def are_sheets(fractions: Iterable[str]) -> Flags:
     """Return which particles are of paper, by their fractions."""
-    return np.array([FRACTIONS[name].sheet for name in fractions], dtype=np.bool_)
+    return np.array([FRACTIONS[name].sheet for name in fractions], bool)

@@ -112,7 +112,7 @@ class Geometry:
         self, row: ArrayLike, column: ArrayLike, depth_mm: ArrayLike
     ) -> Array:
         """Return camera coordinates (..., 3) of pixels at a depth in mm."""
-        depth = np.asarray(depth_mm, dtype=np.float64)
+        depth = np.asarray(depth_mm, float)
         x = (np.asarray(column) - (self.columns - 1) / 2) * depth / self.focal_length_px
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
         return np.stack(np.broadcast_arrays(x, y, depth), axis=-1)

@@ -128,7 +128,7 @@ class LensCamera:
 
     def wall_scale(self, depth_mm: ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths."""
-        depth = np.asarray(depth_mm, dtype=np.float64)
+        depth = np.asarray(depth_mm, float)
         relative = self.wall_error
         first, _, _, last = NEAR_MM
         most = self.wall_error_near_mm
@@ -316,7 +316,7 @@ class LensWall:
         level = background.level
         rows, columns = level.shape
         self.lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
-        everywhere = np.ones(self.lattice.blocks, np.bool_)
+        everywhere = np.ones(self.lattice.blocks, bool)
         # Variance of grey values by block.
         self.variance, mean = measure_contrast(level, self.lattice, np.inf, everywhere)
         over_noise = np.sqrt(self.variance) / background.optics.noise(mean)

@@ -96,7 +96,7 @@ class Life:
     def _flame(self) -> Array:
         """Delay in s, time in s and phase of the flames on the wall, (3, n)."""
         names = ["flame_delay_s", "flame_s", "flicker_phase"]
-        return self.table[names].to_numpy(np.float64).T
+        return self.table[names].to_numpy(float).T
 
     @cached_property
     def over_s(self) -> Array:

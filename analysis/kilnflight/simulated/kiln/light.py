@@ -105,7 +105,7 @@ class Optics:
 
     def noise(self, level: ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""
-        shot = self.shot_gain * np.asarray(level, dtype=np.float64)
+        shot = self.shot_gain * np.asarray(level, float)
         return np.sqrt(self.read_noise**2 + shot)
 
 

@@ -208,7 +208,7 @@ class Twin:
 
     def _random(self, t: int, stream: int) -> np.random.Generator:
         """Return random numbers that depend on seed, frame and stream only."""
-        key = np.array([self.scene.seed, (t << 8) + stream], dtype=np.uint64)
+        key = np.array([self.scene.seed, (t << 8) + stream], np.uint64)
         return np.random.Generator(np.random.Philox(key=key))
 
     def _sight(self, t: int, view: SceneView) -> Sight:
@@ -225,7 +225,7 @@ class Twin:
 
     def particles_with_depth(self, t: int, view: SceneView) -> Index:
         """Return the particles with at least one valid point in frame ``t``."""
-        has_point = np.zeros(view.labels.size, np.bool_)
+        has_point = np.zeros(view.labels.size, bool)
         has_point[self._sight(t, view).pixels] = True
         chosen = view.shown & has_point[view.pixels.place]
         return np.unique(view.moment.particle[view.pixels.blob[chosen]])
@@ -234,7 +234,7 @@ class Twin:
     def _flying_errors_mm(self) -> Array:
         """Standard deviation of each particle's common error in flight, (n,)."""
         errors = dict(self.scene.depth.particle_error_mm)
-        return np.asarray(self.life.table["fraction"].map(errors), np.float64)
+        return np.asarray(self.life.table["fraction"].map(errors), float)
 
     def _draw_errors(self, t: int) -> Array:
         """Draw the common error in mm of each particle's depth in frame ``t``, (n,)."""

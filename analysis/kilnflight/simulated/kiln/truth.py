@@ -110,7 +110,7 @@ def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
     lighter = seen - np.minimum(empty.take(place), FULL_SCALE)
     light = np.flatnonzero(view.shown & (lighter >= NOTED_STEPS * FULL_SCALE / 255))
     blob = view.pixels.blob[light]
-    count = np.bincount(blob, minlength=len(view.visible)).astype(np.float64)
+    count = np.bincount(blob, minlength=len(view.visible)).astype(float)
     count[count < VISIBLE_PX] = np.nan
     row, col = np.divmod(place[light], empty.shape[1])
     rows = np.bincount(blob, row, len(count))
@@ -148,7 +148,7 @@ def instances(twin: Twin, t: int) -> Integers:
     -1 means no particle.
     """
     view = twin.view(t)
-    image = np.full(view.labels.shape, -1, dtype=np.int32)
+    image = np.full(view.labels.shape, -1, np.int32)
     blob = view.pixels.blob[view.shown]
     image.reshape(-1)[view.pixels.place[view.shown]] = view.moment.particle[blob]
     return image
