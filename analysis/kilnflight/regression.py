@@ -13,8 +13,8 @@ from itertools import zip_longest
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import pandas as pd
 from numpy.polynomial import legendre
+from pandas import DataFrame, Series
 from scipy.optimize import brentq
 
 from kilnflight.arrays import Array, ArrayLike
@@ -460,7 +460,7 @@ def fit_measures(places: Array, fitted: Array, order: int) -> Array:
 
 
 def regress(
-    track: pd.DataFrame,
+    track: DataFrame,
     exit_point: ArrayLike,
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
@@ -494,14 +494,14 @@ def regress(
     --------
     A particle leaves the lance in frame 10 with 10 m/s.
 
-    >>> track = pd.DataFrame({"frame": range(20, 50), "x": 0.0, "y": 0.0})
+    >>> track = DataFrame({"frame": range(20, 50), "x": 0.0, "y": 0.0})
     >>> track["z"] = 6500.0 - 100.0 * (track["frame"] - 10)
     >>> fit = regress(track, (0.0, 0.0, 6500.0), frame_rate_hz=100.0)
     >>> round(fit.t0, 6), fit.orders
     (0.1, (2, 2, 2))
     """
     track = plain(track)
-    if not len(track) or len(track.get("particle", pd.Series()).unique()) > 1:
+    if not len(track) or len(track.get("particle", Series()).unique()) > 1:
         raise InputError("track: must hold one particle; call regress_all for several.")
     ((_, time, places),) = _located(track.assign(particle=0), frame_rate_hz, "track")
     method = parameters or Regression()
@@ -509,11 +509,11 @@ def regress(
 
 
 def regress_all(
-    tracks: pd.DataFrame,
+    tracks: DataFrame,
     exit_point: ArrayLike,
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return `kilnflight.tables.TRAJECTORIES`, one row per particle.
 
     A track that cannot be regressed keeps its row: ``outcome`` is the reason, unknown
@@ -543,10 +543,10 @@ def regress_all(
     rows = [_row(method, exit_mm, *each) for each in timed]
     if not rows:
         return TRAJECTORIES.empty()
-    return pd.DataFrame(rows, columns=TRAJECTORIES.names)
+    return DataFrame(rows, columns=TRAJECTORIES.names)
 
 
-def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
+def fits(trajectories: DataFrame) -> dict[int, Fit]:
     """Return the `Fit` of each fitted particle of a trajectory table, by particle.
 
     Parameters
@@ -613,9 +613,7 @@ def _names(name: str) -> list[str]:
     return [name.format(axis) for axis in AXES]
 
 
-def _located(
-    tracks: pd.DataFrame, rate_hz: float | None, where: str
-) -> Iterator[Timed]:
+def _located(tracks: DataFrame, rate_hz: float | None, where: str) -> Iterator[Timed]:
     """Yield each particle with its times (n,) in s and places (n, 3) in mm.
 
     Detections without depth are left out, so n may be 0. Times are frame / ``rate_hz``,

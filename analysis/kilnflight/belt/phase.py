@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Flags, Index
 from kilnflight.belt.models import (
@@ -49,8 +49,8 @@ class Observed(NamedTuple):
     Particles that lack either are counted.
     """
 
-    last: pd.DataFrame  # kilnflight.tables.BELT_LAST
-    arrival: pd.DataFrame  # kilnflight.tables.BELT_ARRIVAL
+    last: DataFrame  # kilnflight.tables.BELT_LAST
+    arrival: DataFrame  # kilnflight.tables.BELT_ARRIVAL
     left_out: dict[str, int]  # reason -> number of particles
 
 
@@ -77,7 +77,7 @@ class PredictionPhase(Settings):
     Examples
     --------
     >>> frame = np.arange(41)
-    >>> tracks = pd.DataFrame({"frame": frame, "particle": 0, "time_s": frame / 100})
+    >>> tracks = DataFrame({"frame": frame, "particle": 0, "time_s": frame / 100})
     >>> tracks = tracks.assign(x=388 + 10.0 * frame, y=90.0)
     >>> last, arrival, left_out = PredictionPhase().observe(tracks)
     >>> last["x"].item(), last["velocity_x_mm_s"].round().item()
@@ -97,7 +97,7 @@ class PredictionPhase(Settings):
                 f"PredictionPhase: target_mm {self.target_mm} is not beyond start_mm."
             )
 
-    def observe(self, tracks: pd.DataFrame) -> Observed:
+    def observe(self, tracks: DataFrame) -> Observed:
         """Split tracks into last observations and arrivals at the target.
 
         Velocity and acceleration come from the parabola through the last three
@@ -160,7 +160,7 @@ class PredictionPhase(Settings):
 
     def _arrival(
         self, columns: dict[str, Array], after: Index, ends: Index
-    ) -> pd.DataFrame:
+    ) -> DataFrame:
         """Return the arrivals of n particles, BELT_ARRIVAL.
 
         A particle seen beyond the target arrives on the line between the positions
@@ -187,7 +187,7 @@ class PredictionPhase(Settings):
         return _moved(state, _time_to(self.target_mm, state))[BELT_ARRIVAL.names]
 
 
-def _time_to(x_mm: float, last: pd.DataFrame) -> Array:
+def _time_to(x_mm: float, last: DataFrame) -> Array:
     """Return the time in s (n,) to a place along the belt, at constant acceleration.
 
     ``last`` are states BELT_LAST before it. NaN for a particle that turns back.
@@ -197,7 +197,7 @@ def _time_to(x_mm: float, last: pd.DataFrame) -> Array:
     return time_to_cover(x_mm - x, velocity, acceleration)
 
 
-def _moved(last: pd.DataFrame, wait: Array) -> pd.DataFrame:
+def _moved(last: DataFrame, wait: Array) -> DataFrame:
     """Return states BELT_LAST moved by ``wait`` (n,) s at constant acceleration."""
     moved = last.assign(time_s=last["time_s"] + wait)
     for axis in ("x", "y"):
@@ -208,7 +208,7 @@ def _moved(last: pd.DataFrame, wait: Array) -> pd.DataFrame:
     return moved
 
 
-def _check_frames(table: pd.DataFrame) -> None:
+def _check_frames(table: DataFrame) -> None:
     """Raise an `InputError` for two rows of a particle in one frame or uneven times.
 
     ``table`` is BELT_TRACKS by particle and frame. Velocities by parabola need even
@@ -235,7 +235,7 @@ def _first(flags: Flags, starts: Index, ends: Index) -> Index:
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
 
 
-def _last(columns: dict[str, Array], row: Index) -> pd.DataFrame:
+def _last(columns: dict[str, Array], row: Index) -> DataFrame:
     """Return the states BELT_LAST at rows (n,), by parabolas through three positions.
 
     They are those of each row and of the two before it, evenly spaced in time.
@@ -248,10 +248,10 @@ def _last(columns: dict[str, Array], row: Index) -> pd.DataFrame:
         state[axis] = newest
         state[f"velocity_{axis}_mm_s"] = (3 * newest - 4 * middle + oldest) / (2 * step)
         state[f"acceleration_{axis}_mm_s2"] = (newest - 2 * middle + oldest) / step**2
-    return pd.DataFrame(state)[BELT_LAST.names]
+    return DataFrame(state)[BELT_LAST.names]
 
 
-def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
+def last_states(followed: Followed, frame_s: float) -> DataFrame:
     """Return the filtered state of each track that enters the prediction phase.
 
     Parameters
@@ -281,7 +281,7 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
 
 
 def observe_followed(
-    followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
+    followed: Followed, measured: DataFrame, phase: PredictionPhase, frame_s: float
 ) -> Observed:
     """Return filtered states before the prediction phase and measured arrivals.
 
@@ -350,7 +350,7 @@ def evaluate(
     deviations: Deviations,
     draws: int,
     seed: int,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Compare all models on one bulk material, one row per draw and model.
 
     The paper calibrates with "at most 1 % of all particles available (37 to 44)", drawn
@@ -390,7 +390,7 @@ def evaluate(
         for name, deviation in deviations(observed, phase, calibration):
             summary = summarise_deviations(deviation)
             rows.append({"draw": draw, "model": name, **summary})
-    return pd.DataFrame(rows)
+    return DataFrame(rows)
 
 
 def draw_particles(count: int, size: int, generator: np.random.Generator) -> Flags:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+from pandas import DataFrame
 from scipy.special import ndtr
 
 from kilnflight.arrays import Array, Flags, Index, Integers
@@ -194,8 +194,8 @@ class Likelihoods(NamedTuple):
 class Followed(NamedTuple):
     """Tracks of a recording: a row per track and frame, and a row per track."""
 
-    states: pd.DataFrame  # kilnflight.tables.BELT_STATES
-    ends: pd.DataFrame  # kilnflight.tables.BELT_ENDS, and reason: LEFT, ..., RUNNING
+    states: DataFrame  # kilnflight.tables.BELT_STATES
+    ends: DataFrame  # kilnflight.tables.BELT_ENDS, and reason: LEFT, ..., RUNNING
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class BeltTracker(Settings):
     A particle moves by 6 mm in a frame of 5 ms:
 
     >>> frame = np.arange(60)
-    >>> measured = pd.DataFrame({"frame": frame, "x": 390 + 6.0 * frame, "y": 90.0})
+    >>> measured = DataFrame({"frame": frame, "x": 390 + 6.0 * frame, "y": 90.0})
     >>> states, ends = BeltTracker()(measured)
     >>> ends
        particle  frame  valid           reason
@@ -241,7 +241,7 @@ class BeltTracker(Settings):
     appearance: Appearance = _APPEARANCE
     frame_s: Positive = BELT_FRAME_S
 
-    def __call__(self, measured: pd.DataFrame, frames: int = 0) -> Followed:
+    def __call__(self, measured: DataFrame, frames: int = 0) -> Followed:
         """Return the states of all tracks in all frames, and how each ended.
 
         Parameters
@@ -274,7 +274,7 @@ class BeltTracker(Settings):
         tracks = np.concatenate(every)
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
-    def steps(self, measured: pd.DataFrame, frames: int = 0) -> Iterator[Step]:
+    def steps(self, measured: DataFrame, frames: int = 0) -> Iterator[Step]:
         """Yield the `Step` of each frame from the first measurement on.
 
         Frames without measurements have one, too.
@@ -403,12 +403,12 @@ class BeltTracker(Settings):
         cases = [self.keeps(tracks, 0), inside, sideways, back]
         return np.select(cases, [RUNNING, LOST, SIDEWAYS, BACK], LEFT)
 
-    def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
+    def _ends(self, frame: Integers, tracks: Tracks) -> DataFrame:
         """Return BELT_ENDS and ``reason`` of tracks (rows,) in the frames (rows,)."""
         order = np.lexsort((frame, tracks["particle"]))
         last = order[np.append(np.diff(tracks["particle"][order]) != 0, True)]
         ended = tracks[last]
-        return pd.DataFrame(
+        return DataFrame(
             {
                 "particle": ended["particle"],
                 "frame": frame[last],
@@ -429,12 +429,12 @@ def _scores(score: Array, best: Array, outside: Array) -> ExtraColumns:
     }
 
 
-def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
+def _states(frame: Integers, tracks: Tracks) -> DataFrame:
     """Return BELT_STATES of tracks (rows,) in the frames (rows,)."""
     valid = tracks["valid"].astype(np.int64)
     state = with_acceleration(tracks).T
     columns = (frame, tracks["particle"], tracks["row"], valid, tracks["score"], *state)
-    return pd.DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
+    return DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
 
 
 def with_acceleration(tracks: Tracks) -> Array:

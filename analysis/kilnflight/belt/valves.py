@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
@@ -70,12 +70,12 @@ class ValveBar(Settings):
 
     Examples
     --------
-    >>> predicted = pd.DataFrame({"time_s": [0.1, 0.104], "y": 90.0})
+    >>> predicted = DataFrame({"time_s": [0.1, 0.104], "y": 90.0})
     >>> bar = ValveBar()
     >>> valve, opens, closes = bar.events(predicted)  # both windows are merged
     >>> f"valve {valve[0]}: {1000 * opens[0]:.1f} to {1000 * closes[0]:.1f} ms"
     'valve 16: 97.5 to 106.5 ms'
-    >>> arrival = pd.DataFrame({"time_s": [0.1, 0.107, 0.1], "y": [91.0, 91.0, 20.0]})
+    >>> arrival = DataFrame({"time_s": [0.1, 0.107, 0.1], "y": [91.0, 91.0, 20.0]})
     >>> bar(predicted, arrival, chosen=np.array([True, True, False])).hit_share
     0.5
     """
@@ -104,7 +104,7 @@ class ValveBar(Settings):
         steps = np.arange(self.valves, dtype=np.float64) + 0.5 - self.valves / 2
         return self.belt_mm / 2 + self.pitch_mm * steps
 
-    def windows(self, predicted: pd.DataFrame) -> Events:
+    def windows(self, predicted: DataFrame) -> Events:
         """Return valve, opening and closing command of each prediction, (n,) each.
 
         Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`;
@@ -119,7 +119,7 @@ class ValveBar(Settings):
         middle = time[known] + self.delay_s - self.latency_s
         return valve, middle - self.open_s / 2, middle + self.open_s / 2
 
-    def events(self, predicted: pd.DataFrame) -> Events:
+    def events(self, predicted: DataFrame) -> Events:
         """Return valve, opening and closing command of the merged windows, (k,) each.
 
         They are sorted by valve and time (s), and all predictions are known in advance.
@@ -165,7 +165,7 @@ class ValveBar(Settings):
         return hit
 
     def __call__(
-        self, predicted: pd.DataFrame, arrival: pd.DataFrame, chosen: Flags
+        self, predicted: DataFrame, arrival: DataFrame, chosen: Flags
     ) -> Separation:
         """Return which particles are hit if each prediction opens a valve.
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import ArrayLike
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number
@@ -73,14 +73,14 @@ class FieldOfView(NamedTuple):
 
 
 def flights(
-    tracks: pd.DataFrame,
+    tracks: DataFrame,
     fits: Mapping[int, Fit],
     wall: Cylinder,
     in_air: InAir,
     frame_rate_hz: float,
     rules: Rules | None = None,
     view: FieldOfView | None = None,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return the flights of fitted tracks, one row each.
 
     The dwell time runs from t0 to landing,
@@ -132,7 +132,7 @@ def flights(
 
     >>> fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2),
     ...           ((0.0, 0.0), (0.0, 5000.0), (-8000.0, 0.0)), 0.05, 0.45, 41)
-    >>> track = pd.DataFrame({"frame": range(5, 46), "particle": 0, "gray": 3000.0})
+    >>> track = DataFrame({"frame": range(5, 46), "particle": 0, "gray": 3000.0})
     >>> track[["x", "y", "z"]] = fit(track["frame"] / 100)
     >>> track[["row", "col"]] = track[["y", "x"]] / 3 + 500
     >>> kiln = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0)
@@ -169,11 +169,11 @@ def flights(
         rows.append({"particle": name} | row)
     if not rows:
         return FLIGHTS.empty()
-    return pd.DataFrame(rows)[FLIGHTS.names]
+    return DataFrame(rows)[FLIGHTS.names]
 
 
 def _flight(
-    track: pd.DataFrame,
+    track: DataFrame,
     fit: Fit,
     wall: Cylinder,
     in_air: InAir,
@@ -218,9 +218,9 @@ def _flight(
 
 
 def _ending_in_air(
-    last: pd.Series,
+    last: Series,
     burning: bool,
-    starts: pd.DataFrame,
+    starts: DataFrame,
     rate_hz: float,
     view: FieldOfView,
 ) -> str:
@@ -235,7 +235,7 @@ def _ending_in_air(
     return BURNT_OUT if burning else LEFT
 
 
-def _at_border(last: pd.Series, view: FieldOfView) -> bool:
+def _at_border(last: Series, view: FieldOfView) -> bool:
     """Return whether the last detection is at the region's border, or beyond it."""
     if view.roi is None:
         return False
@@ -245,7 +245,7 @@ def _at_border(last: pd.Series, view: FieldOfView) -> bool:
     return inwards < EDGE_PX
 
 
-def _goes_on(last: pd.Series, starts: pd.DataFrame, rate_hz: float) -> bool:
+def _goes_on(last: Series, starts: DataFrame, rate_hz: float) -> bool:
     """Return whether another track continues this one.
 
     It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection.
@@ -256,7 +256,7 @@ def _goes_on(last: pd.Series, starts: pd.DataFrame, rate_hz: float) -> bool:
     return bool(((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any())
 
 
-def kept(flights: pd.DataFrame) -> pd.DataFrame:
+def kept(flights: DataFrame) -> DataFrame:
     """Return the flights that are not rejected (`Plausible`), from the lance or not.
 
     Parameters
@@ -267,7 +267,7 @@ def kept(flights: pd.DataFrame) -> pd.DataFrame:
     Examples
     --------
     >>> from kilnflight.flight import TOO_FAST
-    >>> table = pd.DataFrame({"particle": [0, 1], "refused": ["", TOO_FAST]})
+    >>> table = DataFrame({"particle": [0, 1], "refused": ["", TOO_FAST]})
     >>> kept(table)["particle"].tolist()
     [0]
     """

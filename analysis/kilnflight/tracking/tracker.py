@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+from pandas import DataFrame
 from tqdm import tqdm
 
 from kilnflight.arrays import Anything, Array, Flags, Index, Integers
@@ -90,7 +90,7 @@ class Management(Settings):
     --------
     A particle is hidden in frames 1 and 2.
 
-    >>> seen = pd.DataFrame({"frame": [0, 3, 4], "row": [0.0, 9.0, 12.0], "col": 0.0})
+    >>> seen = DataFrame({"frame": [0, 3, 4], "row": [0.0, 9.0, 12.0], "col": 0.0})
     >>> track(seen, management=Management())["particle"].tolist()
     [0, 1, 1]
     >>> track(seen, management=Management(visibility=0.2))["particle"].tolist()
@@ -118,14 +118,14 @@ _MANAGEMENT = Management()
 
 
 def track(
-    detections: pd.DataFrame,
+    detections: DataFrame,
     associator: Associator = _GNN,
     motion: Motion = _MOTION,
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
     progress: bool = False,
     link: bool = False,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Return ``detections`` with the column ``particle``, the number of the track.
 
     Tracks are numbered 0, 1, ... in order of birth.
@@ -178,7 +178,7 @@ def track(
     --------
     Two particles, 50 px apart, move to the right by 4 px/frame.
 
-    >>> seen = pd.DataFrame({"frame": [0, 0, 1, 1, 2, 2], "row": [10.0, 60.0] * 3})
+    >>> seen = DataFrame({"frame": [0, 0, 1, 1, 2, 2], "row": [10.0, 60.0] * 3})
     >>> track(seen.assign(col=4.0 * seen["frame"]))["particle"].tolist()
     [0, 1, 0, 1, 0, 1]
     """
@@ -229,7 +229,7 @@ def _shares(step: Step) -> Shares:
     return recorded[used], rows[step.pairs.detection[used]], step.weights[used]
 
 
-def _averaged(detections: pd.DataFrame, shared: Sequence[Shares]) -> pd.DataFrame:
+def _averaged(detections: DataFrame, shared: Sequence[Shares]) -> DataFrame:
     """Return the table with weighted mean positions where a track used several rows.
 
     Means are of row, col, x, y, z; an unknown value has no weight.
@@ -246,7 +246,7 @@ def _averaged(detections: pd.DataFrame, shared: Sequence[Shares]) -> pd.DataFram
 
 
 def steps(
-    detections: pd.DataFrame,
+    detections: DataFrame,
     associator: Associator = _GNN,
     motion: Motion = _MOTION,
     gate: Gate = _GATE,
@@ -267,7 +267,7 @@ def steps(
     yield from follow(frames, motion, gate, associate, management.keeps)
 
 
-def read_detections(table: pd.DataFrame) -> Iterator[Detected]:
+def read_detections(table: DataFrame) -> Iterator[Detected]:
     """Yield the detections of each frame that has any, by ascending frame.
 
     Rows of ``particle`` -1 (excluded by the caller) are left out. A table with y, x in

@@ -27,7 +27,7 @@ one, before the regression.
 from collections.abc import Iterable
 from typing import Any
 
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight.tracklets.eliminate import Elimination
 from kilnflight.tracklets.joining import Connection, Fusion
@@ -38,8 +38,8 @@ STEPS: tuple[PathStep, ...] = (Elimination(), OutlierRemoval(), Connection(), Fu
 
 
 def postprocess(
-    tracks: pd.DataFrame, differences: Any = None, steps: Iterable[PathStep] = STEPS
-) -> pd.DataFrame:
+    tracks: DataFrame, differences: Any = None, steps: Iterable[PathStep] = STEPS
+) -> DataFrame:
     """Return the table after all steps, with the same rows and columns.
 
     Parameters
@@ -69,7 +69,7 @@ def postprocess(
     --------
     A particle is missed in three frames, so its track has two parts.
 
-    >>> tracks = pd.DataFrame({"frame": [*range(9), *range(12, 20)], "col": 7.0})
+    >>> tracks = DataFrame({"frame": [*range(9), *range(12, 20)], "col": 7.0})
     >>> tracks["row"] = 5.0 * tracks["frame"]
     >>> tracks["particle"] = (tracks["frame"] > 9).astype(int)
     >>> postprocess(tracks)["particle"].unique().tolist()

@@ -6,8 +6,8 @@ Sections 4.2.2 and 4.2.3 of the thesis.
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Flags, Whole
 from kilnflight.checks import NotNegative, Positive, Settings, check_number
@@ -60,7 +60,7 @@ class OutlierRemoval(PathStep):
     One detection is 60 px off.
 
     >>> frame = np.arange(7)
-    >>> tracks = pd.DataFrame({"frame": frame, "row": 5.0 * frame, "particle": 0})
+    >>> tracks = DataFrame({"frame": frame, "row": 5.0 * frame, "particle": 0})
     >>> tracks["col"] = [0.0, 0.0, 0.0, 60.0, 0.0, 0.0, 0.0]
     >>> OutlierRemoval()(tracks)["particle"].tolist()
     [0, 0, 0, -1, 0, 0, 0]
@@ -137,7 +137,7 @@ class Cutting(Settings):
     --------
     A track jumps by 1 m to another particle.
 
-    >>> tracks = pd.DataFrame({"frame": range(8), "particle": 0, "row": 0.0})
+    >>> tracks = DataFrame({"frame": range(8), "particle": 0, "row": 0.0})
     >>> tracks["x"] = [0.0] * 4 + [1000.0] * 4
     >>> tracks = tracks.assign(col=0.0, y=0.0, z=5000.0)
     >>> Cutting()(tracks, frame_rate_hz=330.0)["particle"].tolist()
@@ -146,7 +146,7 @@ class Cutting(Settings):
 
     fastest_m_s: Positive = 32.0
 
-    def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
+    def __call__(self, tracks: DataFrame, frame_rate_hz: float) -> DataFrame:
         """Return the table with a track for each part of a track.
 
         Parts of fewer than `LEAST_PART` detections get particle -1. A table without
