@@ -113,13 +113,10 @@ def settings_from_labels(
     """
     make = partial(_settings, scale, seed, scenario)
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
-    row = CachedTable("settings", make, depends_on)().to_dict("records")[0]
-    wall = Cylinder(
-        centre_mm=tuple(row["centre_mm"].tolist()),
-        direction=tuple(row["direction"].tolist()),
-        radius_mm=row["radius_mm"],
-    )
-    return LearnedSettings(row["threshold"], wall, row["in_air_mm"])
+    row: Any = CachedTable("settings", make, depends_on)().to_dict("records")[0]
+    threshold = row.pop("threshold")
+    in_air_mm = row.pop("in_air_mm")
+    return LearnedSettings(threshold, Cylinder(**row), in_air_mm)
 
 
 def _settings(scale: str, seed: int, scenario: str) -> DataFrame:
@@ -132,14 +129,8 @@ def _settings(scale: str, seed: int, scenario: str) -> DataFrame:
     on_wall = placed["label"] == 4
     distance = placed["distance_mm"]
     limit = crossing(distance[~on_wall], distance[on_wall])  # section 5.1.4
-    row = {
-        "threshold": threshold,
-        "centre_mm": wall.centre_mm,
-        "direction": wall.direction,
-        "radius_mm": wall.radius_mm,
-        "in_air_mm": limit + BEYOND_CROSSING_MM,
-    }
-    return DataFrame([row])
+    in_air_mm = limit + BEYOND_CROSSING_MM
+    return DataFrame([{"threshold": threshold, "in_air_mm": in_air_mm} | vars(wall)])
 
 
 class Campaign(NamedTuple):
