@@ -1,4 +1,4 @@
-"""Types of arrays, named once."""
+"""Types of arrays and of what draws them, named once."""
 
 from typing import Any
 
@@ -15,3 +15,4 @@ Index = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 Gray = npt.NDArray[np.uint16]  # grey values
 Picture = npt.NDArray[np.uint8]
+Generator = np.random.Generator

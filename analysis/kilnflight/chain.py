@@ -157,8 +157,8 @@ class DetectionRun:
     source: Source
     frames: range
     detector: Combination | Planar
-    background: BackgroundModel = field(default_factory=Median)
-    chunk: int = CHUNK_FRAMES
+    background: BackgroundModel
+    chunk: int
     folder: Path = field(default_factory=lambda: paths.derived().absolute())
 
     @property

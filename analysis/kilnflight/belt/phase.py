@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Flags, Index
+from kilnflight.arrays import Array, Flags, Generator, Index
 from kilnflight.belt.models import (
     ARRIVAL_MODELS,
     BELT_EDGE_MM,
@@ -393,7 +393,7 @@ def evaluate(
     return DataFrame(rows)
 
 
-def draw_particles(count: int, size: int, generator: np.random.Generator) -> Flags:
+def draw_particles(count: int, size: int, generator: Generator) -> Flags:
     """Return which of ``count`` particles are drawn to calibrate, ``size`` of them."""
     drawn = np.zeros(count, bool)
     drawn[generator.choice(count, size, replace=False)] = True

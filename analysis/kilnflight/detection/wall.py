@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from kilnflight.arrays import Array, ArrayLike, Flags
+from kilnflight.arrays import Array, ArrayLike, Flags, Generator
 from kilnflight.checks import (
     CountFrom0,
     InputError,
@@ -77,7 +77,7 @@ class Cylinder(Settings):
     rms_mm: NotNegative | None = None
 
 
-def fit_cylinder(points_mm: ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
+def fit_cylinder(points_mm: ArrayLike, seed: int | Generator = 0) -> Cylinder:
     """Fit a cylinder along z to the wall's cluster by MLESAC (section 3.2).
 
     Parameters
@@ -262,9 +262,7 @@ def _residuals(points: Array, centre: Array, direction: Array, radius: float) ->
     return np.linalg.norm(side, axis=1) - radius
 
 
-def _search(
-    points: Array, generator: np.random.Generator
-) -> tuple[Array, Array, float] | None:
+def _search(points: Array, generator: Generator) -> tuple[Array, Array, float] | None:
     """Return centre (3,), direction (3,) and radius of the most likely trial, in mm.
 
     ``points`` are (n, 3) in mm. A trial is one of `TRIALS` drawn directions with the
@@ -308,7 +306,7 @@ def _search(
     return centres[best] + middle, directions[best], float(radii[best])
 
 
-def _draw_directions(generator: np.random.Generator) -> Array:
+def _draw_directions(generator: Generator) -> Array:
     """Return unit vectors (TRIALS, 3), even over the cone round z."""
     cosine = 1 - generator.random(TRIALS) * (1 - np.cos(_WIDEST))
     turn = generator.uniform(0, 2 * np.pi, TRIALS)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # stats on first use: they take a quarter of a second
 
-from kilnflight.arrays import Array, ArrayLike
+from kilnflight.arrays import Array, ArrayLike, Generator
 from kilnflight.checks import check_finite, check_number
 from kilnflight.scores.tracks import TrackScore
 
@@ -51,7 +51,7 @@ def percentiles(values: ArrayLike) -> Array:
     return np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
 
 
-def median_interval(values: ArrayLike, generator: np.random.Generator) -> Interval:
+def median_interval(values: ArrayLike, generator: Generator) -> Interval:
     """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
     The interval has the values' unit. ``generator`` is copied, not advanced, so that

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import ArrayLike
+from kilnflight.arrays import ArrayLike, Generator
 from kilnflight.experiments.flights.campaigns import CAMPAIGNS, KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
@@ -49,21 +49,19 @@ def interval_columns(interval: Interval) -> dict[str, float]:
     return row
 
 
-def median_of(values: ArrayLike, generator: np.random.Generator) -> Interval:
+def median_of(values: ArrayLike, generator: Generator) -> Interval:
     """Return the median of the known (finite) values, with its interval."""
     sample = np.asarray(values, float)
     return intervals.median_interval(sample[np.isfinite(sample)], generator)
 
 
-def median_columns(
-    values: ArrayLike, generator: np.random.Generator
-) -> dict[str, float]:
+def median_columns(values: ArrayLike, generator: Generator) -> dict[str, float]:
     """Return the `interval_columns` of `median_of`."""
     return interval_columns(median_of(values, generator))
 
 
 def interval_of(
-    values: FlightValues, outcome: Outcome, generator: np.random.Generator
+    values: FlightValues, outcome: Outcome, generator: Generator
 ) -> Interval:
     """Return one outcome of a campaign, a median or a share, with its 95 % interval.
 
@@ -131,7 +129,7 @@ def recovery(
     measured: Values,
     true: Values,
     wanted: Sequence[Outcome],
-    generator: np.random.Generator,
+    generator: Generator,
 ) -> DataFrame:
     """Compare measured medians and shares with what was put in and with the truth.
 
@@ -187,7 +185,7 @@ def differences(
     true: Values,
     outcome: Outcome,
     pairs: Iterable[tuple[CampaignKey, CampaignKey]],
-    generator: np.random.Generator,
+    generator: Generator,
 ) -> DataFrame:
     """Return how one outcome differs between pairs of campaigns, first minus second.
 

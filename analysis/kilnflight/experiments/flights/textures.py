@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Array, Generator, Index
 from kilnflight.checks import InputError
 from kilnflight.experiments.flights.tracking import Window
 from kilnflight.tracklets import Connection
@@ -69,7 +69,7 @@ def joints(tracks: DataFrame, connection: Connection, differences: Any) -> DataF
 
 
 def texture_boxes(
-    window: Window, count: int, generator: np.random.Generator
+    window: Window, count: int, generator: Generator
 ) -> tuple[list[Array], list[Array]]:
     """Return sums of frame differences with a track and without one (Fig. 4.13).
 
@@ -112,7 +112,7 @@ def energies(box: Array) -> dict[str, float]:
 
 
 def _empty_place(
-    window: Window, frames: range, generator: np.random.Generator
+    window: Window, frames: range, generator: Generator
 ) -> tuple[float, float]:
     """Return a random place (row, col) in px, over 180 px from all true positions.
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Generator
 from kilnflight.belt.models import (
     BELT_EDGE_MM,
     BELT_START_MM,
@@ -87,7 +87,7 @@ class FrictionBelt:
     sampling_hz: float = 100.0
     steps_per_sample: int = 20
 
-    def __call__(self, generator: np.random.Generator) -> DataFrame:
+    def __call__(self, generator: Generator) -> DataFrame:
         """Simulate particles that slide or roll along the belt; return BELT_TRACKS.
 
         A row is a particle and a sample: frame, particle, time in s, x and y in mm, up
@@ -116,7 +116,7 @@ class FrictionBelt:
             }
         )
 
-    def _feed(self, generator: np.random.Generator) -> _State:
+    def _feed(self, generator: Generator) -> _State:
         """Return the particles as they reach the belt: places, velocities and rolling.
 
         They are drawn at random, evenly across the belt and by the spreads of the
@@ -144,7 +144,7 @@ class FrictionBelt:
             across_axis=across_axis,
         )
 
-    def _step(self, state: _State, generator: np.random.Generator) -> None:
+    def _step(self, state: _State, generator: Generator) -> None:
         """Advance the particles by one integration step, in place.
 
         Friction changes velocity and rolling, as the module's docstring says; then

@@ -8,7 +8,7 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Flags, Integers, Picture
+from kilnflight.arrays import Array, Flags, Generator, Integers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import Scene
@@ -36,9 +36,7 @@ MIXTURES: dict[int, dict[str, float]] = {
 }
 
 
-def handfuls(
-    count: int, mean: float, duration_s: float, generator: np.random.Generator
-) -> Array:
+def handfuls(count: int, mean: float, duration_s: float, generator: Generator) -> Array:
     """Draw the times (count,) in s at which particles leave the lance, in handfuls.
 
     Parameters
@@ -109,7 +107,7 @@ def feed_subset(scene: Scene) -> Life:
     return Life(fed.reset_index(drop=True), flights, scene.optics.share_on)
 
 
-def _draw_candidates(t: int, scene: Scene, generator: np.random.Generator) -> Life:
+def _draw_candidates(t: int, scene: Scene, generator: Generator) -> Life:
     """Draw particles of all fractions, released up to 1 s before frame ``t``."""
     tables = []
     parts = []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Flags
+from kilnflight.arrays import Flags, Generator
 
 Range = tuple[float, float]
 _SIZES = ["length_mm", "width_mm", "thickness_mm"]
@@ -42,7 +42,7 @@ class Fraction:
     sheet: bool
     round: bool
 
-    def draw(self, count: int, generator: np.random.Generator) -> pd.DataFrame:
+    def draw(self, count: int, generator: Generator) -> pd.DataFrame:
         """Draw a table of particles: their ``fraction`` and sizes in mm."""
         low, high = np.array([self.length_mm, self.width_mm, self.thickness_mm]).T
         sizes = generator.uniform(low, high, (count, 3))

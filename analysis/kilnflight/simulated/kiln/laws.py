@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Flags, Index, Integers
+from kilnflight.arrays import Array, Flags, Generator, Index, Integers
 from kilnflight.scores.flights import MARKS_M
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
@@ -82,12 +82,12 @@ class Law:
     rise_sd: float
     aside_sd: float
     drag_s: float
-    drag_spread: float = 0.0
-    flutter_m: float = 0.0
-    flutter_hz: float = 0.0
-    ignite: float = 0.0
-    when: tuple[float, ...] = ()
-    flame_s: float = 0.0
+    drag_spread: float
+    flutter_m: float
+    flutter_hz: float
+    ignite: float
+    when: tuple[float, ...]
+    flame_s: float
 
 
 # laws.csv has a law a row; data/reference/twin_inputs.csv has the source of each value.
@@ -163,7 +163,7 @@ class Flights(NamedTuple):
         return np.where(times <= self.end_s[:, None], times, np.nan)
 
 
-def _draw_normal(generator: np.random.Generator, count: int, most: float) -> Array:
+def _draw_normal(generator: Generator, count: int, most: float) -> Array:
     """Return standard normal numbers (count,), drawn again beyond ``most``."""
     numbers = generator.standard_normal(count)
     while True:
@@ -173,9 +173,7 @@ def _draw_normal(generator: np.random.Generator, count: int, most: float) -> Arr
         numbers[beyond] = generator.standard_normal(np.count_nonzero(beyond))
 
 
-def fly(
-    law: Law, count: int, geometry: Geometry, generator: np.random.Generator
-) -> Flights:
+def fly(law: Law, count: int, geometry: Geometry, generator: Generator) -> Flights:
     """Draw the flights of ``count`` particles, each to its end."""
     flights = _draw_paths(law, count, geometry, generator)
     chance, weights = _weigh_ignition(law, geometry)
@@ -200,7 +198,7 @@ def burning(flights: Flights, ignition_s: Array, flame_s: Array) -> Flights:
 
 
 def _draw_paths(
-    law: Law, count: int, geometry: Geometry, generator: np.random.Generator
+    law: Law, count: int, geometry: Geometry, generator: Generator
 ) -> Flights:
     """Draw paths, each to the wall or out of the kiln, without a flame."""
     n1, n2, n5 = (_draw_normal(generator, count, 2.0) for _ in range(3))

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from kilnflight.arrays import Array, ArrayLike, Flags, Index, Picture, Single
+from kilnflight.arrays import Array, ArrayLike, Flags, Generator, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
@@ -336,7 +336,7 @@ class LensWall:
         self.scale_mm = camera.wall_scale(depth).astype(np.float32)
         self.level_mm = depth + bias.take(self.index) * self.scale_mm
 
-    def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Single]:
+    def points(self, sight: Sight, random: Generator) -> tuple[Index, Single]:
         """Return pixels (n,) and depths in mm (n,) of the points of a frame.
 
         The depths have their error.
@@ -358,7 +358,7 @@ class LensWall:
         white = random.standard_normal(len(index), np.float32)
         return index, depth + camera.white_mm * white
 
-    def _draw_drift(self, random: np.random.Generator) -> Single:
+    def _draw_drift(self, random: Generator) -> Single:
         """Draw the smooth error of the lenses over the `LensCamera.wall_scale`."""
         camera = self.camera
         down, right = self.lattice.lenses
@@ -386,9 +386,7 @@ class LensWall:
         scale = self.camera.wall_scale(depth).astype(np.float32)
         return depth + (self.bias.take(index) + error) * scale
 
-    def see_particles(
-        self, view: SceneView, error: Array, random: np.random.Generator
-    ) -> Sight:
+    def see_particles(self, view: SceneView, error: Array, random: Generator) -> Sight:
         """Return the particles of a frame as the lenses see them.
 
         Contrast is measured in blocks, 3 x 3 for each lens. A block whose contrast
@@ -462,9 +460,7 @@ class LensWall:
         scale = np.sqrt(1.0 + over**2)
         return view.blobs.depth_mm + error[view.moment.particle] * scale
 
-    def _keep(
-        self, pixels: Index, labels: Picture, random: np.random.Generator
-    ) -> Index:
+    def _keep(self, pixels: Index, labels: Picture, random: Generator) -> Index:
         """Choose the pixels of particles that have a point, none in the flame."""
         kept = random.random(len(pixels), np.float32) < self.camera.points_per_pixel
         return pixels[kept & (labels.take(pixels) != 1)]
@@ -501,7 +497,7 @@ def _choose_textured(
 
 
 def _draw_smooth(
-    generator: np.random.Generator,
+    generator: Generator,
     picture: tuple[int, ...],
     cell_px: float,
     size: tuple[int, int],

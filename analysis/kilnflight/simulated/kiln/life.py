@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Flags, Index
+from kilnflight.arrays import Array, Flags, Generator, Index
 from kilnflight.simulated.kiln.fuel import are_sheets
 from kilnflight.simulated.kiln.laws import ENDS, LANDED, Flights
 
@@ -59,7 +59,7 @@ class Life:
         table: DataFrame,
         flights: Flights,
         share_on: float,
-        generator: np.random.Generator,
+        generator: Generator,
     ) -> Self:
         """Return the life of particles.
 

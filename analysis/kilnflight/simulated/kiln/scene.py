@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Index, Picture, Single
+from kilnflight.arrays import Array, Generator, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.simulated.kiln.background import Background
@@ -206,7 +206,7 @@ class Twin:
         read = np.float32(optics.read_noise**2)
         return _add_noise(picture, noise, gain, read)
 
-    def _random(self, t: int, stream: int) -> np.random.Generator:
+    def _random(self, t: int, stream: int) -> Generator:
         """Return random numbers that depend on seed, frame and stream only."""
         key = np.array([self.scene.seed, (t << 8) + stream], np.uint64)
         return np.random.Generator(np.random.Philox(key=key))
