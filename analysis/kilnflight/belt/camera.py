@@ -144,7 +144,10 @@ def _find_line(
     along = (stop - start) / np.linalg.norm(stop - start)
     # Corners go round the belt clockwise, so the belt is to the right of the edge.
     inwards = np.array([along[1], -along[0]])
-    offset = _edge_offset(picture, middle, inwards, level)
+    steps = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
+    grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
+    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
+    offset = _crossing(profile.astype(float) - level, steps)
     mean_u, fit = _fit_line(middle @ along, middle @ inwards + offset, side)
     turned = along + fit.slope * inwards
     return _Line(
@@ -152,20 +155,6 @@ def _find_line(
         along=turned / np.linalg.norm(turned),
         variance=np.array([fit.intercept_stderr, fit.stderr]) ** 2,
     )
-
-
-def _edge_offset(
-    picture: Picture, middle: Array, inwards: Array, level: float
-) -> Array:
-    """Return where an edge is on n profiles across it, in px inwards (n,).
-
-    ``middle`` (n, 2) are row and col of the profiles' middles, ``inwards`` (2,) is
-    their direction, ``level`` the grey value of the edge. NaN where it is not visible.
-    """
-    steps = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
-    grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
-    profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
-    return _crossing(profile.astype(float) - level, steps)
 
 
 def _fit_line(u: Array, v: Array, side: str) -> tuple[float, Any]:

@@ -272,7 +272,11 @@ class BeltTracker(Settings):
         number = [step.detected.frame for step in steps]
         frame = np.repeat(number, [len(tracks) for tracks in every])
         tracks = np.concatenate(every)
-        return Followed(_states(frame, tracks), self._ends(frame, tracks))
+        valid = tracks["valid"].astype(int)
+        known = frame, tracks["particle"], tracks["row"], valid, tracks["score"]
+        columns = (*known, *with_acceleration(tracks).T)
+        states = DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
+        return Followed(states, self._ends(frame, tracks))
 
     def steps(self, measured: DataFrame, frames: int = 0) -> Iterator[Step]:
         """Yield the `Step` of each frame from the first measurement on.
@@ -427,14 +431,6 @@ def _scores(score: Array, best: Array, outside: Array) -> ExtraColumns:
         "valid": best >= VALID_FROM,
         "outside": outside,
     }
-
-
-def _states(frame: Integers, tracks: Tracks) -> DataFrame:
-    """Return BELT_STATES of tracks (rows,) in the frames (rows,)."""
-    valid = tracks["valid"].astype(np.int64)
-    state = with_acceleration(tracks).T
-    columns = (frame, tracks["particle"], tracks["row"], valid, tracks["score"], *state)
-    return DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
 
 
 def with_acceleration(tracks: Tracks) -> Array:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from skimage.util import view_as_blocks
 
-from kilnflight.arrays import Array, Integers, Single
+from kilnflight.arrays import Array, Single
 from kilnflight.detection.sift import LAYERS, SIGMA_PX, DoG, enlarged
 from kilnflight.film.prepared import spread
 from kilnflight.recording.frames import Recording
@@ -74,12 +74,6 @@ def _layers(foreground: Single, enlarge: int) -> Iterator[Array]:
         yield view_as_blocks(layer, (side, side))
 
 
-def pixel_noise(gray: Integers) -> float:
-    """Return the noise of a pixel in grey values, from neighbours in a row."""
-    steps = np.abs(np.diff(gray.astype(float), axis=1))
-    return float(np.median(steps)) * PER_DEVIATION / np.sqrt(2)
-
-
 def noise_threshold(
     foregrounds: Sequence[Single],
     enlarge: int = 1,
@@ -117,9 +111,14 @@ def noise_threshold(
 
 
 def area_threshold(recording: Recording) -> float:
-    """Return a threshold of areas in grey values, four times the noise of a pixel."""
-    frames = spread(len(recording), 5)
-    noise = [pixel_noise(recording.gray(t)) for t in frames]
+    """Return a threshold of areas in grey values, four times the noise of a pixel.
+
+    The noise is that of differences of neighbours in a row.
+    """
+    noise = []
+    for t in spread(len(recording), 5):
+        steps = np.abs(np.diff(recording.gray(t).astype(float), axis=1))
+        noise.append(float(np.median(steps)) * PER_DEVIATION / np.sqrt(2))
     return float(f"{max(4 * np.median(noise), 1.0):.3g}")
 
 

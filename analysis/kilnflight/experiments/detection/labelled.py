@@ -284,19 +284,13 @@ def score_methods(
     rows: list[dict[str, Any]] = []
     for subset in subsets:
         for view in tqdm(subset.views(), subset.name, unit="frame", disable=None):
-            if not rows:
-                _warm_up(methods, view)
+            if not rows:  # untimed, so that each is compiled
+                points = slice(WARM_UP_POINTS)
+                few = view._replace(pixels=view.pixels[points], xyz=view.xyz[points])
+                for method in methods.values():
+                    method(few)
             rows += _frame_rows(subset, view, methods)
     return DataFrame(rows)
-
-
-def _warm_up(methods: Mapping[Any, Method], view: View) -> None:
-    """Call each method untimed on few points, so that it is compiled."""
-    few = view._replace(  # one view, as methods share steps
-        pixels=view.pixels[:WARM_UP_POINTS], xyz=view.xyz[:WARM_UP_POINTS]
-    )
-    for method in methods.values():
-        method(few)
 
 
 def _frame_rows(

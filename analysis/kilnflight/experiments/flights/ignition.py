@@ -54,10 +54,13 @@ def count_lit(
         and ``_gray`` is the median of their median grey values.
     """
     outcome = Series(outcomes, dtype=object).reindex(flights["particle"])
-    traces = _traces(flying).reindex(outcome.index)
+    first = flying.groupby("particle").head(LEAST_POINTS)
+    brighter = first["gray"] > (1.0 + SHARE) * first["background"]
+    light = brighter.groupby(first["particle"]).all().reindex(outcome.index)
+    gray = flying.groupby("particle")["gray"].median().reindex(outcome.index)
     rises = outcome == SEEN
     few = ~rises & (outcome != NONE)
-    at_first = traces["at_first"].eq(True)  # NaN: no detection
+    at_first = light.eq(True)  # NaN: no detection
     share = intervals.share(int(rises.sum()), len(flights))
     count: dict[str, float] = {
         "light_up": rises.sum(),
@@ -65,26 +68,14 @@ def count_lit(
         "too_few": few.sum(),
         **interval_columns(share),
     }
-    truly = ignites.reindex(traces.index)
+    truly = ignites.reindex(outcome.index)
     for name, burns in (("unlit", False), ("lit", True)):
         judged = ~few & truly.eq(burns)
         count[name] = judged.sum()
         count[f"{name}_up"] = (judged & rises).sum()
         count[f"{name}_light"] = (judged & (rises | at_first)).sum()
-        count[f"{name}_gray"] = traces.loc[judged, "gray"].median()
+        count[f"{name}_gray"] = gray[judged].median()
     return count
-
-
-def _traces(flying: DataFrame) -> DataFrame:
-    """Return ``at_first`` (bright at first sight) and median ``gray``, by particle."""
-    first = flying.groupby("particle").head(LEAST_POINTS)
-    brighter = first["gray"] > (1.0 + SHARE) * first["background"]
-    return DataFrame(
-        {
-            "at_first": brighter.groupby(first["particle"]).all(),
-            "gray": flying.groupby("particle")["gray"].median(),
-        }
-    )
 
 
 def optical_picture(recording: Recording, frames: range) -> Array:

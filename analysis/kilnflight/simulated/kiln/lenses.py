@@ -13,8 +13,6 @@ of the plate (sec. 2.1.5) and of fitted trajectories (Table 5.18, RMSE in z).
 `LensCamera` is set by these alone, and fitted to no score of detection.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
