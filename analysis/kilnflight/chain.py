@@ -19,7 +19,6 @@ from pandas import DataFrame
 from tqdm import tqdm
 
 from kilnflight import flight, regression
-from kilnflight.arrays import Flags
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
@@ -86,18 +85,15 @@ def views(
             number=frame.index,
         )
         if attributes.flame_roi is not None:
-            view = _without_flame(view, flame_mask(frame.gray, attributes.flame_roi))
+            flame = flame_mask(frame.gray, attributes.flame_roi)
+            foreground[flame] = 0  # each model returns a new array
+            places = view.pixels[:, 0] * flame.shape[1] + view.pixels[:, 1]
+            kept = ~flame.take(places)
+            view = view._replace(
+                pixels=view.pixels.compress(kept, axis=0),
+                xyz=view.xyz.compress(kept, axis=0),
+            )
         yield t, view
-
-
-def _without_flame(view: View, flame: Flags) -> View:
-    """Return a view without the pixels (rows, cols) of the flame."""
-    view.foreground[flame] = 0  # each model returns a new array, so this may change it
-    places = view.pixels[:, 0] * flame.shape[1] + view.pixels[:, 1]
-    keep = ~flame.take(places)
-    return view._replace(
-        pixels=view.pixels.compress(keep, axis=0), xyz=view.xyz.compress(keep, axis=0)
-    )
 
 
 def detect_frames(

@@ -289,7 +289,11 @@ def window_medians(
             starts = tuple(around.start - first for around in windows)
             frames = (np.array(chunk) - first).astype(np.uint64)
             table = _program(len(windows[0]), starts)
-            scratch = _scratch(int(table.max()) + 1, held.kind)
+            slots = int(table.max()) + 1
+            # It begins at a multiple of `_LINE`.
+            memory = np.zeros(slots * _TILE + _LINE, held.kind)
+            begin = -memory.ctypes.data % _LINE // memory.itemsize
+            scratch = memory[begin : begin + slots * _TILE].reshape(slots, _TILE)
             for start in range(0, out.shape[1], _BAND):
                 pixels = slice(start, start + _BAND)
                 band = np.stack([held[t].ravel()[pixels] for t in needed])
@@ -298,13 +302,6 @@ def window_medians(
             out[: len(chunk)] = [held[t].ravel() for t in chunk]
         for index, background in zip(chunk, out, strict=False):
             yield index, background.reshape(held.shape)
-
-
-def _scratch(rows: int, kind: np.dtype[Any]) -> Anything:
-    """Return scratch memory (rows, `_TILE`) that begins at a multiple of `_LINE`."""
-    memory = np.zeros(rows * _TILE + _LINE, kind)
-    start = -memory.ctypes.data % _LINE // memory.itemsize
-    return memory[start : start + rows * _TILE].reshape(rows, _TILE)
 
 
 def stack_median(frames: Sequence[Anything]) -> Anything:

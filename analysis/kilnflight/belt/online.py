@@ -250,11 +250,20 @@ def sort_pictures(
         )
         previous = frame
         tracks = next(steps).tracks
-        last = _as_last_seen(tracks, last)
+        # Those missed keep the state in which they were last measured.
+        before = last
+        last = tracks.copy()
+        missed = tracks["row"] < 0
+        if missed.any():
+            particle = tracks["particle"][missed]
+            last[missed] = before[np.searchsorted(before["particle"], particle)]
         left = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
         if chooses is not None:
             left = left[chooses(left["particle"])]
-        predicted = _predict(left, models, target_mm, tracker.frame_s)
+        seen_s = left["last"] * tracker.frame_s
+        columns = left["particle"], seen_s, *with_acceleration(left).T
+        states = dict(zip(BELT_LAST.names, columns, strict=True))
+        predicted = predict_arrivals(states, *models, target_mm, MOST_S)
         now_s = (frame + 1) * tracker.frame_s
         until_s = (frame + 2) * tracker.frame_s
         yield Decision(
@@ -264,29 +273,3 @@ def sort_pictures(
             predicted=predicted,
             due=schedule.step(now_s, until_s, predicted),
         )
-
-
-def _as_last_seen(tracks: Tracks, before: Tracks) -> Tracks:
-    """Return tracks (n,) with the state of those missed as they were last measured.
-
-    ``before`` is the result of the frame before; it holds them, in order of particle.
-    """
-    last = tracks.copy()
-    missed = tracks["row"] < 0
-    if missed.any():
-        particle = tracks["particle"][missed]
-        last[missed] = before[np.searchsorted(before["particle"], particle)]
-    return last
-
-
-def _predict(
-    entering: Tracks,
-    models: tuple[ArrivalModel, LateralModel],
-    target_mm: float,
-    frame_s: float,
-) -> pd.DataFrame:
-    """Return BELT_PREDICTED of n tracks as they were last measured."""
-    time = entering["last"] * frame_s
-    columns = entering["particle"], time, *with_acceleration(entering).T
-    last = dict(zip(BELT_LAST.names, columns, strict=True))
-    return predict_arrivals(last, *models, target_mm, MOST_S)

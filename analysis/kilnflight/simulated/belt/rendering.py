@@ -147,7 +147,9 @@ class Pictures:
         are in px. ``visible`` has a row per particle and frame.
         """
         places = visible[["x", "y"]].to_numpy()
-        angle = self._angles(visible)
+        names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
+        generator = np.random.default_rng([self.seed, 2])
+        angle = generator.uniform(0, np.pi, len(names))[which]  # one by particle
         tip = places + np.column_stack([np.cos(angle), np.sin(angle)])  # 1 mm ahead
         ahead = places + EXPOSURE_S * _velocities(visible)
         height = np.full(len(visible), self.bulk.rest_mm)
@@ -160,12 +162,6 @@ class Pictures:
         direction = np.arctan2(along[:, 0], along[:, 1])
         sizes = scale[:, None] * np.array(self.bulk.outline_mm)
         return np.column_stack([middle, direction, sizes, end - middle])
-
-    def _angles(self, visible: DataFrame) -> Array:
-        """Return each row's direction (n,) in rad from the x axis, one by particle."""
-        names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
-        drawn = np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))
-        return drawn[which]
 
     def _empty(self) -> Single:
         """Return the picture (rows, cols) of the belt without particles."""
