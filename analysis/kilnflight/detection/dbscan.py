@@ -97,7 +97,7 @@ class DBSCAN(Settings):
         # apart. The small margin keeps both true after rounding.
         cells = _sort_into_cells(cloud, self.eps / np.sqrt(3.0) * (1 - 1e-8))
         limit = float(self.eps * self.eps)
-        core = _core_points(cells, limit, int(self.min_points))
+        core = _core_points(cells, limit, self.min_points)
         inner = _only(cells, core)
         starts = inner.starts[:-1]
         roots = _connected_cells(inner, limit)

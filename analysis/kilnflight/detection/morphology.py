@@ -78,7 +78,7 @@ class MorphologicalClustering(Settings):
         )  # Eq. 2.32
         # The same number of cells stays empty after each row and layer, so that no step
         # leads into the next.
-        side = int(self.grid) + 1 + _TOUCH
+        side = self.grid + 1 + _TOUCH
         keys = np.floor(stretched + 0.5).astype(np.int64) @ np.array([side**2, side, 1])
         occupied, cell = np.unique(keys, return_inverse=True)
         return pd.factorize(_joined(occupied, side)[cell])[0]

@@ -81,7 +81,7 @@ class QuasiClusterCenters(Settings):
             If the points are not (n, 3) finite numbers.
         """
         cloud = check_finite(points, "QuasiClusterCenters: points", (None, 3))
-        return self.spread(cloud, nearest_neighbors(cloud, int(self.k)))
+        return self.spread(cloud, nearest_neighbors(cloud, self.k))
 
     def spread(self, cloud: Array, nearest: Integers) -> Index:
         """Return the cluster (n,) of each point of a cloud (n, 3) in mm; noise is -1.
@@ -90,7 +90,7 @@ class QuasiClusterCenters(Settings):
         count, so several settings share one search of neighbours.
         """
         count = len(cloud)
-        k = int(self.k)
+        k = self.k
         if count <= k:  # no point has a k-th neighbour
             return np.full(count, NOISE, np.intp)
         neighbors = np.ascontiguousarray(nearest[:, :k])

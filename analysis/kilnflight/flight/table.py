@@ -229,8 +229,12 @@ def _ending_in_air(
     ``last`` is the flight's last detection, ``starts`` the first one of every track.
     """
     cut_off = last["frame"] / rate_hz + BEYOND_S > (view.frames.stop - 1) / rate_hz
-    at_border = _at_border(last, view)
-    if cut_off or _goes_on(last, starts, rate_hz) or burning == at_border:
+    # Another track may begin where and soon after this one ends.
+    places = ["row", "col"]
+    after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
+    apart = np.hypot(*(starts[places] - last[places]).to_numpy(float).T)
+    goes_on = ((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any()
+    if cut_off or goes_on or burning == _at_border(last, view):
         return LOST
     return BURNT_OUT if burning else LEFT
 
@@ -243,17 +247,6 @@ def _at_border(last: Series, view: FieldOfView) -> bool:
     place = (last["row"], last["col"])
     inwards = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
     return inwards < EDGE_PX
-
-
-def _goes_on(last: Series, starts: DataFrame, rate_hz: float) -> bool:
-    """Return whether another track continues this one.
-
-    It begins within `BEYOND_S` and `EDGE_PX` of this one's last detection.
-    """
-    places = ["row", "col"]
-    after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
-    apart = np.hypot(*(starts[places] - last[places]).to_numpy(float).T)
-    return bool(((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any())
 
 
 def kept(flights: DataFrame) -> DataFrame:

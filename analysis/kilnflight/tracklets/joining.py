@@ -190,7 +190,9 @@ class Joining(PathStep):
         # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
         frames = np.maximum(pairs.cost, 1)
-        slow = _step_over_gap(paths, pairs) <= _MORE * limit * frames
+        start = paths.place[paths.starts[pairs.later], :2]
+        end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
+        slow = np.hypot(*(start - end).T) <= _MORE * limit * frames
         possible = np.where(pairs.cost > 0, slow, merged)
         pairs = _take(pairs, possible)
         overlap = _take(overlap, possible)
@@ -502,13 +504,6 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
     names, rows, frame, place = _united(paths, number[of], points, later[of])
     starts = np.searchsorted(names, np.arange(len(number) + 1))
     return Paths(rows=rows, frame=frame, place=place, starts=starts)
-
-
-def _step_over_gap(paths: Paths, pairs: Candidates) -> Array:
-    """Return the step (p,) in px from the end of one to the start of the other."""
-    start = paths.place[paths.starts[pairs.later], :2]
-    end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
-    return np.hypot(*(start - end).T)
 
 
 def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:

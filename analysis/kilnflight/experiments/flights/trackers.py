@@ -56,5 +56,5 @@ def chosen(name: str, **changes: float) -> Tracker:
             measurement_sd=value["measurement_sd"],
         ),
         gate=Gate(value["gate"], value["depth_gate"]),
-        management=Management(value["visibility"], int(value["missed_frames"])),
+        management=Management(value["visibility"], value["missed_frames"]),
     )
