@@ -11,11 +11,12 @@ The velocity ``w`` is that of the contact point due to rolling. The same force c
 So slip ends when the particle rolls or stands on the belt.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from pandas import DataFrame
 
 from kilnflight.arrays import Array, Generator
@@ -25,12 +26,21 @@ from kilnflight.belt.models import (
     BELT_VELOCITY_MM_S,
     BELT_WIDTH_MM,
 )
-from kilnflight.simulated.belt.bulk import BULKS
 
 GRAVITY_MM_S2 = 9810.0
 FEED_MM = BELT_START_MM + 2.0  # where the tracks in these files begin
 KICK_MM_S = 30.0  # standard deviation per axis of a collision; assumption
 _LEAST_SPEED = 1e-300  # mm/s, divides the zero velocity
+
+
+@dataclass
+class _State:
+    """Positions and velocities during a simulation, (n, 2) each, changed in place."""
+
+    position: Array  # mm
+    velocity: Array  # mm/s
+    rolling: Array  # velocity of the contact point relative to the centre, mm/s
+    across_axis: Array  # unit vectors: the direction in which a cylinder rolls
 
 
 @dataclass(frozen=True)
@@ -179,35 +189,9 @@ def _part_along(vectors: Array, axis: Array) -> Array:
     return axis * (vectors * axis).sum(axis=1, keepdims=True)
 
 
-@dataclass
-class _State:
-    """Positions and velocities during a simulation, (n, 2) each, changed in place."""
-
-    position: Array  # mm
-    velocity: Array  # mm/s
-    rolling: Array  # velocity of the contact point relative to the centre, mm/s
-    across_axis: Array  # unit vectors: the direction in which a cylinder rolls
-
-
-# Feed velocities and their spreads are read off; those of cuboids are the default.
-# Inertias: solid sphere 2/5, solid cylinder about its axis 1/2.
+# friction.csv has a material a row: its particles in 0.2 kg (section 4), inertia (solid
+# sphere 2/5, solid cylinder about its axis 1/2), and velocities, read off.
+_TABLE: Any = pd.read_csv(Path(__file__).with_name("friction.csv"))
 MATERIALS = {
-    "spheres": FrictionBelt(
-        particles=BULKS["spheres"].count,
-        inertia=0.4,
-        rolling_start=True,
-        velocity_mm_s=1045.0,
-        velocity_spread_mm_s=39.0,
-        lateral_spread_mm_s=27.0,
-    ),
-    "cuboids": FrictionBelt(particles=BULKS["cuboids"].count),
-    "cylinders": FrictionBelt(
-        particles=BULKS["cylinders"].count,
-        inertia=0.5,
-        rolls_across_axis_only=True,
-        rolling_start=True,
-        velocity_mm_s=929.0,
-        velocity_spread_mm_s=42.0,
-        lateral_spread_mm_s=47.0,
-    ),
+    row.pop("material"): FrictionBelt(**row) for row in _TABLE.to_dict("records")
 }

@@ -1,6 +1,11 @@
 """The inputs of a recording of the twin: a few parameters and a seed."""
 
-from dataclasses import dataclass, field
+import ast
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from kilnflight.simulated.kiln.background import Interior
 from kilnflight.simulated.kiln.geometry import Geometry
@@ -61,3 +66,19 @@ class Scene:
         rows = self.geometry.rows
         columns = self.geometry.columns
         return tuple((row * rows, col * columns) for row, col in self.interior.roi)
+
+
+# inputs.csv has inputs that no work prints at other values (notebooks 10, 22, 24 and
+# 32); from thin-flames on those of data/reference/choices.csv. Dark bodies are darker
+# than the inlet plate; thin flames are long, and none is overexposed.
+_OTHERS: Any = pd.read_csv(Path(__file__).with_name("inputs.csv"), index_col="scenario")
+VARIED = list(_OTHERS.index.unique())
+
+
+def varied(scene: Scene, scenario: str) -> Scene:
+    """Return a scene with the other inputs of one of `VARIED`."""
+    for row in _OTHERS.loc[[scenario]].itertuples():
+        changed = {row.input: ast.literal_eval(row.value)}
+        part = replace(getattr(scene, row.part), **changed)
+        scene = replace(scene, **{row.part: part})
+    return scene

@@ -8,7 +8,7 @@ of Table 5.15.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
 from kilnflight.simulated.kiln.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
 from kilnflight.simulated.kiln.fuel import FRACTIONS
+from kilnflight.simulated.kiln.inputs import VARIED, Scene, varied
 from kilnflight.simulated.kiln.light import Optics
-from kilnflight.simulated.kiln.scene import Scene, Twin
+from kilnflight.simulated.kiln.scene import Twin
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
@@ -189,35 +190,12 @@ def downscaled(scene: Scene) -> Scene:
     return replace(scene, geometry=geometry, interior=interior, depth=depth)
 
 
-def _with_thin_flames(scene: Scene) -> Scene:
-    """Return a scene whose flames are thin and long, none overexposed."""
-    optics = replace(
-        scene.optics,
-        flame=1.04,
-        thick_mm=1.25,
-        gas_mm=1.6,
-        flame_softness=0.35,
-        tail_s=2.5e-3,
-        longest_tail_mm=10.0,
-        curl=0.4,
-    )
-    return replace(scene, optics=optics)
-
-
-_DARK = (("wood chip", 0.36), ("PE granule", 0.45))  # darker than the inlet plate
-# Inputs that no work prints, at other values (notebooks 10, 22, 24 and 32); from
-# thin-flames on those of data/reference/choices.csv
+# Functions of a scene that change its inputs, by name.
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "small": downscaled,
-    "scattered-depth": lambda s: replace(s, depth=replace(s.depth, scale=1.5)),
-    "own-calibration": lambda s: replace(s, calibration=s.seed),
-    "thin-flames": _with_thin_flames,
-    "shredded-wall": lambda s: replace(s, depth=replace(s.depth, patch=0.01)),
-    "dark-bodies": lambda s: replace(s, optics=replace(s.optics, bodies=_DARK)),
-    "no-clutter": lambda s: replace(s, interior=replace(s.interior, clutter=0.0)),
-    "exact-wall": lambda s: replace(s, depth=replace(s.depth, wall_particle_mm=150.0)),
-    "steady-bodies": lambda s: replace(s, optics=replace(s.optics, tumble=0.0)),
+    "own-calibration": lambda scene: replace(scene, calibration=scene.seed),
+    **{name: partial(varied, scenario=name) for name in VARIED},
 }
 
 
