@@ -31,7 +31,7 @@ from itertools import pairwise, product
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments.flights import campaigns, comparison, panels, variants
+from kilnflight.experiments.flights import campaigns, comparison, panels
 from kilnflight.experiments.flights.campaigns import KEYS, REASONS
 from kilnflight.publication import choices, claims, figures, style
 from kilnflight.regression import AXIS_MEASURES, Regression, fits, regress
@@ -76,7 +76,7 @@ every = tables.trajectories
 fitted = every[every["outcome"] == "fitted"]
 at_bound = fitted["t0_at_bound"]
 bounds = {"t0_earliest": at_bound < 0, "t0_at_first_detection": at_bound > 0}
-rejecting = variants.varied(results, variants.rejecting, jobs).tables.flights
+rejecting = campaigns.varied(results, campaigns.rejecting, jobs).tables.flights
 points = every[[*KEYS, "particle", "points"]]
 starting = rejecting[rejecting["from_lance"]].merge(points)
 impossible = starting["refused"] != ""
@@ -311,8 +311,8 @@ saved.get("fig-a-4-tracks")
 # %%
 shares = {"as chosen": rejecting}
 for name in ("F1", "F2"):
-    other = variants.varied(results, variants.OTHERS[name], jobs)
-    shares[name] = variants.varied(other, variants.rejecting, jobs).tables.flights
+    other = campaigns.varied(results, campaigns.OTHERS[name], jobs)
+    shares[name] = campaigns.varied(other, campaigns.rejecting, jobs).tables.flights
 parts = []
 for name, flown in shares.items():
     here = flown[flown["from_lance"]]

@@ -38,7 +38,6 @@ from kilnflight.experiments.flights import (
     campaigns,
     comparison,
     panels,
-    variants,
 )
 from kilnflight.experiments.flights.campaigns import COMPLETE, KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LEFT, LOST, straight_on
@@ -61,7 +60,7 @@ results = campaigns.results(scale, seed, jobs)
 generator = np.random.default_rng(seed)
 counted = campaigns.counted_flights(results.tables.flights)
 # the same run, rejecting impossible flights
-rejecting = variants.varied(results, variants.rejecting, jobs)
+rejecting = campaigns.varied(results, campaigns.rejecting, jobs)
 starting = rejecting.tables.flights[rejecting.tables.flights["from_lance"]]
 
 # %% [markdown]
@@ -289,8 +288,8 @@ endings = {
     for name, complete in COUNTED.items()
 }
 varied = {
-    name: variants.varied(results, change, jobs).measured
-    for name, change in variants.OTHERS.items()
+    name: campaigns.varied(results, change, jobs).measured
+    for name, change in campaigns.OTHERS.items()
 }
 measured = endings | varied
 parts = {name: measure(values) for name, values in measured.items()}
@@ -378,7 +377,7 @@ off = {
 }
 counting = {"none that left": "none that left counts", "all": "all lost count"}
 choice_rows = []
-for name in (*variants.OTHERS, *counting):
+for name in (*campaigns.OTHERS, *counting):
     quantity = "error of median dwell times (s)"
     if name in counting:
         quantity += f", other: {counting[name]}"

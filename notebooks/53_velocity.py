@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import plots
-from kilnflight.experiments.flights import accuracy, campaigns, comparison, variants
+from kilnflight.experiments.flights import accuracy, campaigns, comparison
 from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.flight import space_sliced_velocity, straight_on
 from kilnflight.publication import choices, claims, figures, style
@@ -252,7 +252,7 @@ figures.save("velocity-orders", orders.round(3), caption=caption, provenance=ori
 
 # %%
 varied = {
-    name: variants.varied(results, variants.OTHERS[name], jobs).measured
+    name: campaigns.varied(results, campaigns.OTHERS[name], jobs).measured
     for name in ("F1", "F2", "F6")
 }
 rows = []

@@ -38,7 +38,6 @@ from kilnflight.experiments.flights import (
     comparison,
     ignition,
     panels,
-    variants,
 )
 from kilnflight.experiments.flights.campaigns import KEYS
 from kilnflight.flight.empty import background_gray
@@ -348,7 +347,7 @@ checks = judge(false, recovery, orders)
 #   was not tried on papers.)
 
 # %%
-alone = variants.varied(results, variants.gray_alone, jobs)
+alone = campaigns.varied(results, campaigns.gray_alone, jobs)
 gray = trace_shares(Ignition(above_background=False))
 gray_false = false_share(gray, "unlit_up")
 gray_recovery = recover(alone.measured)
