@@ -111,17 +111,13 @@ def check_rates() -> Iterator[Check]:
         for name in exact.index:
             where = f"Table {table}, {name}"
             for rate in ("precision", "recall", "f1"):
-                yield _check_rate(where, rate, printed[rate][name], exact[rate][name])
-
-
-def _check_rate(where: str, rate: str, printed: str, exact: float) -> Check:
-    """Check one printed rate, and say whether a conclusion depends on a wrong one."""
-    check = _check(where, rate, printed, exact)
-    if check.agrees:
-        return check
-    if abs(float(printed) - exact) < 0.001:
-        return check._replace(consequence="no: last digits only")
-    return check._replace(consequence=RATE_CONSEQUENCES[where])
+                check = _check(where, rate, printed[rate][name], exact[rate][name])
+                if check.agrees:
+                    yield check
+                elif abs(float(check.printed) - exact[rate][name]) < 0.001:
+                    yield check._replace(consequence="no: last digits only")
+                else:
+                    yield check._replace(consequence=RATE_CONSEQUENCES[where])
 
 
 def check_sums() -> Iterator[Check]:

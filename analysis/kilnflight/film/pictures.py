@@ -169,9 +169,12 @@ def preview(source: Any, **options: Any) -> Figure:
     )
     doubts = "\n".join(text for what, text in rows if what == "warning")
     figure.suptitle(doubts, fontsize=7, color=style.COLOURS[1], wrap=True)
+    single: Any = run.detector.detector
     for k, step in enumerate(PREVIEW_STEPS):
         threshold = step * (known.threshold or 0.0)
-        detector = _with_threshold(run.detector, threshold)
+        # The first parameter of DoG and Otsu is their threshold.
+        changed = replace(single, **{fields(single)[0].name: threshold})
+        detector = replace(run.detector, detector=changed)
         for axes, (t, view) in zip(grid[k], views, strict=True):
             found = detector(view, seen.attributes.roi)
             style.draw_frame(axes, recording.gray(t), 1)
@@ -180,10 +183,3 @@ def preview(source: Any, **options: Any) -> Figure:
             axes.set_title(f"{title}: {len(found)}", fontsize=7)
             axes.label_outer()
     return figure
-
-
-def _with_threshold(detector: Any, threshold: float) -> Any:
-    """Return a detector whose 2D detector, DoG or Otsu, has another threshold."""
-    single = detector.detector
-    name = fields(single)[0].name  # its first parameter
-    return replace(detector, detector=replace(single, **{name: threshold}))

@@ -166,7 +166,11 @@ def summary(tables: Tables) -> dict[str, str]:
     ended = counted["ending"].isin([LANDED, BURNT_OUT])
     dwell_s = counted.loc[ended, "dwell_s"]
     if len(dwell_s):
-        rows["dwell time, median"] = _median_s(dwell_s)
+        median, low, high = median_interval(dwell_s, np.random.default_rng(0))[:3]
+        told = f"{median:.3f} s "
+        if len(dwell_s) > 5:
+            told += f"{np.round([low, high], 3)}"
+        rows["dwell time, median"] = told
     rows |= _counts("refused", flights["refused"])
     rows |= _counts("ending", counted["ending"])
     rows |= _counts("ignition", counted["ignition"])
@@ -191,15 +195,6 @@ def _found(tables: Tables) -> dict[str, str]:
         "detections": told,
         "tracks": f"{n} with {len(tracks)} detections, {each}",
     }
-
-
-def _median_s(dwell_s: Series) -> str:
-    """Return the median of times, with its interval if there are more than five."""
-    median, low, high = median_interval(dwell_s, np.random.default_rng(0))[:3]
-    interval = ""
-    if len(dwell_s) > 5:
-        interval = f"{np.round([low, high], 3)}"
-    return f"{median:.3f} s {interval}"
 
 
 def _counts(what: str, reasons: Series) -> dict[str, str]:
