@@ -30,8 +30,7 @@ from kilnflight.belt.tracker import (
     BeltTracker,
     constant_velocity,
 )
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import Pictures
+from kilnflight.simulated.belt.rendering import BULKS, Pictures
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region

@@ -23,8 +23,7 @@ from kilnflight.belt import tracker
 from kilnflight.belt.camera import BELT, Area
 from kilnflight.experiments.belt import paper_2016, paper_2020
 from kilnflight.publication import figures, style
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import Pictures, at_rate
+from kilnflight.simulated.belt.rendering import BULKS, Pictures, at_rate
 
 files = paper_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"

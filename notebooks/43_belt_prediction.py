@@ -27,8 +27,7 @@ from kilnflight.belt.tracker import constant_velocity
 from kilnflight.experiments.belt import paper_2016, paper_2020
 from kilnflight.experiments.belt.paper_2016 import PHASE_2016, SIM, STRAIGHT, TRACKING
 from kilnflight.publication import choices, claims, figures, style
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import Pictures
+from kilnflight.simulated.belt.rendering import BULKS, Pictures
 
 files = paper_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"

@@ -30,8 +30,7 @@ from kilnflight.belt.phase import predictions
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments.belt import paper_2016, paper_2020
 from kilnflight.publication import figures, style
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import Pictures
+from kilnflight.simulated.belt.rendering import BULKS, Pictures
 
 files = paper_2020.find_dem()
 source = paper_2020.AUTHORS if files else paper_2020.OWN

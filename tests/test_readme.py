@@ -18,8 +18,7 @@ from tests.definitions import films
 
 import kilnflight
 from kilnflight.__main__ import main
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import Pictures
+from kilnflight.simulated.belt.rendering import BULKS, Pictures
 from kilnflight.tables import BELT_PREDICTED
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -14,8 +14,7 @@ from kilnflight.belt.camera import (
     find_corners,
 )
 from kilnflight.checks import InputError
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import CameraView, Pictures
+from kilnflight.simulated.belt.rendering import BULKS, CameraView, Pictures
 from kilnflight.tables import BELT_TRACKS
 
 

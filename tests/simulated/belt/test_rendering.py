@@ -6,8 +6,7 @@ import pytest
 
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError
-from kilnflight.simulated.belt.bulk import BULKS
-from kilnflight.simulated.belt.rendering import CameraView, Pictures, at_rate
+from kilnflight.simulated.belt.rendering import BULKS, CameraView, Pictures, at_rate
 from kilnflight.tables import BELT_TRACKS
 
 LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError
-from kilnflight.simulated.belt.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
 
 ROWS = 708  # size of a picture in px (section IV.B), as are the next two
@@ -28,6 +27,30 @@ FLOOR_GRAY = 130.0  # of 255, beside the belt; assumption
 PARTICLE_GRAY = 200.0  # wood; assumption
 SOFT_PX = 1.0  # width of an edge; assumption
 EXPOSURE_S = 0.001  # 3.4 px of blur at the belt's velocity; assumption
+
+
+@dataclass(frozen=True)
+class Bulk:
+    """One bulk material of particles that lie on their largest face.
+
+    Parameters
+    ----------
+    outline_mm
+        Half length, half width and corner radius, from above.
+    rest_mm
+        Height of the centre above the belt.
+    """
+
+    outline_mm: tuple[float, float, float]
+    rest_mm: float
+
+
+# Spheres of 5 mm, boxes of 6 x 5 x 2 mm, cylinders of 9 mm by a diameter of 3 mm.
+BULKS = {
+    "spheres": Bulk(outline_mm=(2.5, 2.5, 2.5), rest_mm=2.5),
+    "cuboids": Bulk(outline_mm=(3.0, 2.5, 0.0), rest_mm=1.0),
+    "cylinders": Bulk(outline_mm=(4.5, 1.5, 0.0), rest_mm=1.5),
+}
 
 
 @dataclass(frozen=True)
