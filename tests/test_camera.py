@@ -5,7 +5,6 @@ import pytest
 
 from kilnflight.camera import (
     EQUATION_2_4,
-    DepthCalibration,
     calibrate_depth,
     calibrate_points,
     captured_depths,
@@ -82,5 +81,4 @@ def test_published_facts_about_the_equation():
 
 def test_the_inverse_nearest_to_the_true_depth_is_taken():
     assert invert_depth([[3000.0]]) == pytest.approx(np.array([[3117.5]]), abs=0.05)
-    cubic = DepthCalibration((3000.0,), ((1.0, 0.0), (0.0, 1e-9, 2e-4, 0.5, 100.0)))
-    assert cubic(invert_depth(9000.0, cubic)) == pytest.approx(9000.0)
+    assert EQUATION_2_4(invert_depth(9000.0)) == pytest.approx(9000.0)

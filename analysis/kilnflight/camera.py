@@ -103,14 +103,14 @@ class DepthCalibration:
         ends = zip(pairwise(self.coefficients), self.breakpoints_mm, strict=True)
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
-    def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
+    def falling(self, low_mm: float, high_mm: float) -> Array:
         """Return the captured depths in mm at which the calibrated depth falls, (n,).
 
-        They lie between ``low_mm`` and ``high_mm``, on a grid of ``step_mm``. A
+        They lie between ``low_mm`` and ``high_mm``, in steps of 0.1 mm. A
         calibration that falls gives two particles in the wrong order of depth. Jumps
         between segments are left to `jumps`.
         """
-        depth = np.arange(low_mm, high_mm, step_mm)
+        depth = np.arange(low_mm, high_mm, 0.1)
         slopes = tuple(tuple(np.polyder(np.array(c))) for c in self.coefficients)
         return depth[replace(self, coefficients=slopes)(depth) < 0]
 
@@ -193,25 +193,21 @@ def calibrate_depth(z: ArrayLike) -> Array:
     return EQUATION_2_4(z)
 
 
-def captured_depths(
-    true_mm: float, calibration: DepthCalibration = EQUATION_2_4
-) -> list[float]:
-    """Return all captured depths of a true depth, both in mm, ascending.
+def captured_depths(true_mm: float) -> list[float]:
+    """Return all captured depths of a true depth by Eq. 2.4, both in mm, ascending.
 
-    There may be none or several: by Eq. 2.4 both 2065 and 3118 mm become 3 m.
+    There may be none or several: both 2065 and 3118 mm become 3 m.
     """
     found: list[float] = []
-    for index, coefficients in enumerate(calibration.coefficients):
+    for index, coefficients in enumerate(EQUATION_2_4.coefficients):
         roots = np.roots([*coefficients[:-1], coefficients[-1] - true_mm])
         real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
-        found += real[(real > 0) & (calibration.segment(real) == index)].tolist()
+        found += real[(real > 0) & (EQUATION_2_4.segment(real) == index)].tolist()
     return sorted(found)
 
 
-def invert_depth(
-    true_mm: ArrayLike, calibration: DepthCalibration = EQUATION_2_4
-) -> Array:
-    """Return the captured depth of each true depth in mm, in the same shape.
+def invert_depth(true_mm: ArrayLike) -> Array:
+    """Return the captured depth of each true depth by Eq. 2.4 in mm, in the same shape.
 
     Of several solutions it is the one nearest to the true depth, as in section 2.1.5
     ("the median depth from 3 m to 5 m is very close to the actual value").
@@ -224,7 +220,7 @@ def invert_depth(
     true = check_finite(true_mm, "true depth")
     nearest = []
     for depth in true.flat:
-        solutions = captured_depths(depth, calibration)
+        solutions = captured_depths(depth)
         if not solutions:
             raise InputError(f"true depth: no captured depth gives {depth} mm.")
         nearest.append(solutions[np.argmin(np.abs(np.subtract(solutions, depth)))])

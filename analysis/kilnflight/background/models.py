@@ -23,10 +23,11 @@ from kilnflight.background.sliding_median import (
 from kilnflight.checks import (
     Count,
     NotNegative,
-    Positive,
     Settings,
     Share,
 )
+
+WIDTH_PX = 20.0  # standard deviation of the Gaussian of `Surroundings`
 
 
 def _partner(index: int, step: int, length: int) -> int:
@@ -377,15 +378,9 @@ class RunningGaussian(WindowModel):
 class Surroundings(Settings):
     """Subtract each frame's own blur, for particles that rest; not in the thesis.
 
-    Positive differences stay, as with `Median`.
-
-    Parameters
-    ----------
-    width_px
-        Standard deviation of the Gaussian in px; wider things are background.
+    Positive differences stay, as with `Median`. What is wider than `WIDTH_PX` is
+    background.
     """
-
-    width_px: Positive = 20.0
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32."""
@@ -393,4 +388,4 @@ class Surroundings(Settings):
         for t in check_indices(indices, held.length):
             held.fetch([t])
             image = held[t].astype(np.float32)
-            yield np.maximum(image - cv2.GaussianBlur(image, (0, 0), self.width_px), 0)
+            yield np.maximum(image - cv2.GaussianBlur(image, (0, 0), WIDTH_PX), 0)

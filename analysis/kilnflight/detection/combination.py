@@ -114,7 +114,7 @@ def take_clusters(clusters: Clusters, which: Anything) -> Clusters:
     )
 
 
-def areas_of(clusters: Clusters, rectangular: bool = True) -> tuple[Index, Index]:
+def areas_of(clusters: Clusters, rectangular: bool) -> tuple[Index, Index]:
     """Return areas (n, 4) of clusters in px, and the cluster (n,) of each.
 
     ``rectangular``: one rectangle for each cluster, its "cluster area" in chapter 3.1.
@@ -362,7 +362,7 @@ class Planar(Settings):
         apart.
     """
 
-    detector: DoG | Otsu = field(default_factory=DoG)
+    detector: DoG | Otsu
     size_px: Positive | None = None
 
     def __call__(

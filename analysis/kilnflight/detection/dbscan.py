@@ -112,7 +112,7 @@ class DBSCAN(Settings):
         return labels
 
 
-def k_distances(points: ArrayLike, k: int = 6) -> Array:
+def k_distances(points: ArrayLike, k: int) -> Array:
     """Return the distances of all points to their k-th neighbours in mm, descending.
 
     Their bend shows a good eps (Fig. 2.19 of the thesis). The query point counts as the
@@ -124,7 +124,7 @@ def k_distances(points: ArrayLike, k: int = 6) -> Array:
     points
         (n, 3) mm.
     k
-        Neighbours, from 1 to n; the default is twice the dimension (section 2.2.4).
+        Neighbours, from 1 to n, such as 6, twice the dimension (section 2.2.4).
 
     Raises
     ------

@@ -273,7 +273,11 @@ def _search(points: Array, generator: Generator) -> tuple[Array, Array, float] |
     # Outliers are as likely anywhere across the cloud; far ones must not widen it.
     reach = np.quantile(np.linalg.norm(local, axis=1), 0.95)
     width = max(2 * reach, MAX_DISTANCE_MM)
-    directions = _draw_directions(generator)
+    # Unit vectors, even over the cone round z.
+    cosine = 1 - generator.random(TRIALS) * (1 - np.cos(_WIDEST))
+    turn = generator.uniform(0, 2 * np.pi, TRIALS)
+    sine = np.sqrt(1 - cosine**2)
+    directions = np.column_stack([-sine * np.sin(turn), sine * np.cos(turn), cosine])
     triples = local[generator.integers(len(points), size=(TRIALS, 3))]
     centres, radii = circles(triples, directions)
     # A larger circle is flatter over the cloud than the maximum distance: as good as a
@@ -304,14 +308,6 @@ def _search(points: Array, generator: Generator) -> tuple[Array, Array, float] |
     if best < 0:
         return None
     return centres[best] + middle, directions[best], float(radii[best])
-
-
-def _draw_directions(generator: Generator) -> Array:
-    """Return unit vectors (TRIALS, 3), even over the cone round z."""
-    cosine = 1 - generator.random(TRIALS) * (1 - np.cos(_WIDEST))
-    turn = generator.uniform(0, 2 * np.pi, TRIALS)
-    sine = np.sqrt(1 - cosine**2)
-    return np.column_stack([-sine * np.sin(turn), sine * np.cos(turn), cosine])
 
 
 def circles(triples: Array, directions: Array) -> tuple[Array, Array]:

@@ -67,15 +67,15 @@ def doubtful_links(tracks: DataFrame) -> Iterator[str]:
         yield f"Steps of {step:.1f} px exceed half of {between}. {FASTER}"
 
 
-def neighbour_px(detections: DataFrame, frames: int = 30) -> float:
-    """Return the median distance of nearest neighbours in some frames.
+def neighbour_px(detections: DataFrame) -> float:
+    """Return the median distance of nearest neighbours in 30 frames.
 
     It is infinite where no frame has two detections.
     """
     places = [
         at.to_numpy(float) for _, at in detections.groupby("frame")[["row", "col"]]
     ]
-    some = [each for each in places[:: 1 + len(places) // frames] if len(each) > 1]
+    some = [each for each in places[:: 1 + len(places) // 30] if len(each) > 1]
     if not some:
         return np.inf
     apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]

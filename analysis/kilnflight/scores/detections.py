@@ -159,7 +159,7 @@ def score_in_pixels(
     image: Integers,
     centroids: DataFrame,
     detected: ArrayLike,
-    roi: ArrayLike | None = None,
+    roi: ArrayLike | None,
 ) -> FrameScore:
     """Count the detections of one frame within the pixels of a particle.
 

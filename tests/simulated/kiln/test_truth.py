@@ -87,7 +87,6 @@ def test_particles_on_the_wall_and_short_ones_are_not_followed():
     )
     table["label"] = np.where(table["particle"] == 2, 4, 3)
     assert truth.followed(table)["particle"].tolist() == [0] * 5
-    assert set(truth.followed(table, shortest=4)["particle"]) == {0, 1}
 
 
 class Campaign(SimpleNamespace):

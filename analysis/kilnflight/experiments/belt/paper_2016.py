@@ -90,7 +90,7 @@ def track_pictures(
 
 
 def track_all(
-    pictures: Mapping[str, Pictures], jobs: int = 1, end_mm: float = PHASE_2016.start_mm
+    pictures: Mapping[str, Pictures], jobs: int, end_mm: float = PHASE_2016.start_mm
 ) -> dict[str, PictureTracks]:
     """Return `track_pictures` of several recordings by name, in ``jobs`` processes."""
     tracked = joblib.Parallel(n_jobs=jobs)(

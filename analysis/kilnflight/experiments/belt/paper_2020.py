@@ -111,7 +111,7 @@ def find_recordings() -> dict[str, list[Path]]:
 
 
 def load_tracks(
-    files: Mapping[str, Path], seed: int, particles: int | None = None
+    files: Mapping[str, Path], seed: int, particles: int | None
 ) -> dict[str, DataFrame]:
     """Return the tracks by material, the authors' or the friction model's.
 

@@ -249,9 +249,7 @@ class Measurement(NamedTuple):
         )
 
 
-def measure_campaigns(
-    campaigns: Sequence[Campaign], workers: Workers | None = None
-) -> Measurement:
+def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers) -> Measurement:
     """Return the tables of all campaigns; missing ones are computed and cached.
 
     ``particle`` numbers the tracks of each campaign anew, so it is unique within one
@@ -311,8 +309,8 @@ class Results(NamedTuple):
 
 def results(
     scale: str,
-    seed: int = 0,
-    jobs: int = 1,
+    seed: int,
+    jobs: int,
     scenario: str = "base",
     keys: Sequence[CampaignKey] | None = None,
 ) -> Results:
@@ -453,9 +451,7 @@ OTHERS: dict[str, Callable[[Campaign], Chain]] = {
 }
 
 
-def varied(
-    results: Results, change: Callable[[Campaign], Chain], jobs: int = 1
-) -> Results:
+def varied(results: Results, change: Callable[[Campaign], Chain], jobs: int) -> Results:
     """Return the results with other runs; ``jobs`` processes make missing tables."""
     changed = [each._replace(run=change(each)) for each in results.campaigns]
     tables = measure_campaigns(changed, Workers(jobs))

@@ -199,7 +199,7 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
 }
 
 
-def scene_name(plain: str, scenario: str = "base") -> str:
+def scene_name(plain: str, scenario: str) -> str:
     """Return the name of a subset or campaign under a scenario."""
     if scenario == "base":
         return plain

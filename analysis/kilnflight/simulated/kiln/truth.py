@@ -123,14 +123,13 @@ def at_notes(table: DataFrame) -> DataFrame:
     return seen.assign(row=seen["noted_row"], col=seen["noted_col"])
 
 
-def followed(table: DataFrame, shortest: int = 5) -> DataFrame:
-    """Return the rows of `marked` particles in the air that have some positions.
+def followed(table: DataFrame) -> DataFrame:
+    """Return the rows of `marked` particles in the air with five positions or more.
 
-    ``shortest`` is their least number: "for some time" (section 5.2.1) is all that was
-    printed.
+    "For some time" (section 5.2.1) is all that was printed.
     """
     flying = table[table["label"] != 4]
-    long = flying.groupby("particle")["frame"].transform("size") >= shortest
+    long = flying.groupby("particle")["frame"].transform("size") >= 5
     return flying[long].reset_index(drop=True)
 
 
