@@ -54,7 +54,7 @@ class Verdict:
     because: str
     measured: str
     published: str
-    reason: str = ""
+    reason: str
 
 
 def published(name: str, *, as_printed: bool = False) -> DataFrame:

@@ -73,7 +73,7 @@ class StoredRecording:
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
     per_frame: Mapping[str, Anything]
-    stated: str | None = None
+    stated: str | None
 
     def __len__(self) -> int:
         return len(self.per_frame["index"])
