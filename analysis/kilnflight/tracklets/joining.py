@@ -3,7 +3,7 @@
 Sections 4.2.3 and 4.2.4 of the thesis.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -27,6 +27,7 @@ from kilnflight.tracklets.texture import level_edge
 
 _OUTLIERS = OutlierRemoval()
 _FALSE = Elimination()  # Eqs 4.18 and 4.15, of the connected part
+MOST_PAIRS = 2**20  # tested at a time; they take some 500 MB
 _MORE = 1 + 1e-9  # a value at the limit may be rounded above it
 
 
@@ -182,11 +183,19 @@ class Joining(PathStep):
         ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is
         Eq. 4.24 without its last term, that of the streak.
         """
-        pairs = self._in_time(paths, changed)
+        speeds = paths.usual_speeds(np.arange(len(changed)))
+        near = self._in_time(paths, changed)
+        parts = [self._possible(paths, pairs, speeds) for pairs in near]
+        return Candidates(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _possible(self, paths: Paths, pairs: Candidates, speeds: Array) -> Candidates:
+        """Return those of some pairs that are within the limits, with their cost.
+
+        ``speeds`` (2, m) are `Paths.usual_speeds` of all tracklets.
+        """
         overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
-        both = np.stack([pairs.earlier, pairs.later])
-        median, largest = paths.usual_speeds(np.unique(both))
-        limit = median[both].max(axis=0) + self.jump
+        median, largest = speeds[:, [pairs.earlier, pairs.later]].max(axis=1)
+        limit = median + self.jump
         # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
         frames = np.maximum(pairs.cost, 1)
@@ -201,43 +210,50 @@ class Joining(PathStep):
         turned, allowed = self._judge(*parts, limit)
         gap = np.maximum(pairs.cost, 0)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * gap
-        most = np.maximum(limit, largest[both].max(axis=0)[possible])
+        most = np.maximum(limit, largest[possible])
         joined = np.flatnonzero(allowed & (pairs.cost <= 0))
         # Steps within an overlap, too, must not be faster.
         pair, speed = _joined_speeds(paths, pairs.earlier[joined], pairs.later[joined])
         allowed[joined[pair[speed > most[joined[pair]]]]] = False
         return _take(pairs._replace(cost=cost), allowed)
 
-    def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
-        """Return the pairs near enough in time that hold a changed tracklet (m,).
+    def _in_time(self, paths: Paths, changed: Flags) -> Iterator[Candidates]:
+        """Yield the pairs near enough in time that hold a changed tracklet (m,).
 
         Their cost (p,) is here the gap in frames; 0 or less means that they overlap.
+        Some `MOST_PAIRS` come at a time.
         """
         there = np.flatnonzero(np.diff(paths.starts))
         first = paths.frame[paths.starts[there]]
         last = paths.frame[paths.starts[there + 1] - 1]
-        until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
-        one, other = ranges(np.arange(len(there)) + 1, until)
-        # If two start together, the one that ends first is the earlier.
-        swapped = (first[one] == first[other]) & (last[other] < last[one])
-        i = np.where(swapped, other, one)
-        k = np.where(swapped, one, other)
-        taken = changed[there[i]] | changed[there[k]]
-        if not self.nested:
-            taken &= last[k] > last[i]
-        i = i[taken]
-        k = k[taken]
-        gap = first[k] - last[i]
-        # Overlapping ones share at least the overlap less the frames that both miss,
-        # and are at least as far apart as their boxes: Eq. 4.21 forbids some at once.
         missing = last - first + 1 - np.diff(paths.starts)[there]
-        common = np.minimum(last[i], last[k]) - first[k] + 1 - missing[i] - missing[k]
         low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])
         high = np.maximum.reduceat(paths.place[:, :2], paths.starts[there])
-        apart = np.maximum(low[i] - high[k], low[k] - high[i]).max(axis=1)
-        merged = (apart <= self.distance * _MORE) & (common < self.overlap)
-        pairs = Candidates(earlier=there[i], later=there[k], cost=gap.astype(float))
-        return _take(pairs, merged | (gap > 0))
+        begin = np.arange(len(there)) + 1
+        until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
+        part = np.cumsum(until - begin) // MOST_PAIRS
+        for rows in np.split(begin - 1, np.flatnonzero(np.diff(part)) + 1):
+            one, other = ranges(begin[rows], until[rows])
+            one = rows[one]
+            # If two start together, the one that ends first is the earlier.
+            swapped = (first[one] == first[other]) & (last[other] < last[one])
+            i = np.where(swapped, other, one)
+            k = np.where(swapped, one, other)
+            taken = changed[there[i]] | changed[there[k]]
+            if not self.nested:
+                taken &= last[k] > last[i]
+            i = i[taken]
+            k = k[taken]
+            gap = first[k] - last[i]
+            # Overlapping ones share at least the overlap less the frames that both
+            # miss, and are at least as far apart as their boxes: Eq. 4.21 forbids some
+            # at once.
+            common = np.minimum(last[i], last[k]) - first[k] + 1
+            common -= missing[i] + missing[k]
+            apart = np.maximum(low[i] - high[k], low[k] - high[i]).max(axis=1)
+            merged = (apart <= self.distance * _MORE) & (common < self.overlap)
+            pairs = Candidates(earlier=there[i], later=there[k], cost=gap.astype(float))
+            yield _take(pairs, merged | (gap > 0))
 
     def _judge(
         self, names: Index, frame: Whole, place: Array, limit: Array
