@@ -14,11 +14,11 @@ from typing import Any, Self
 import numpy as np
 
 from kilnflight.arrays import Array, ArrayLike, Index
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, Number, Settings, check_finite
 
 
 @dataclass(frozen=True)
-class DepthCalibration:
+class DepthCalibration(Settings):
     """Map captured to true depth by one polynomial per segment.
 
     Parameters
@@ -38,19 +38,19 @@ class DepthCalibration:
     [1500.0, 2500.0]
     """
 
-    breakpoints_mm: tuple[float, ...]
-    coefficients: tuple[tuple[float, ...], ...]
+    breakpoints_mm: tuple[Number, ...]
+    coefficients: tuple[tuple[Number, ...], ...]
     closed_left: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        check_finite(
-            np.concatenate([self.breakpoints_mm, *self.coefficients]),
-            "depth calibration",
-        )
+        super().__post_init__()
         ascending = all(low < high for low, high in pairwise(self.breakpoints_mm))
-        if not ascending or len(self.coefficients) != len(self.breakpoints_mm) + 1:
+        count = len(self.breakpoints_mm)
+        one_each = len(self.closed_left) in (0, count)
+        if not (ascending and one_each and len(self.coefficients) == count + 1):
             raise InputError(
-                "depth calibration: breakpoints ascend, one fewer than polynomials."
+                "depth calibration: breakpoints ascend, one fewer than polynomials, "
+                "each with its closed_left or none."
             )
 
     @classmethod
@@ -158,7 +158,7 @@ def read_calibration(stated: Any) -> DepthCalibration | None:
         return DepthCalibration(
             breakpoints_mm=tuple(stated["breakpoints_mm"]),
             coefficients=tuple(map(tuple, stated["coefficients"])),
-            closed_left=tuple(map(bool, stated.get("closed_left", ()))),
+            closed_left=tuple(stated.get("closed_left", ())),
         )
     except (TypeError, KeyError, AttributeError):
         known = f"{', '.join(_BY_NAME)}, pairs, or breakpoints_mm with coefficients"

@@ -22,7 +22,7 @@ from kilnflight import flight, regression
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, Number, Settings, check_number
 from kilnflight.detection.combination import Combination, Planar, View
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
@@ -51,7 +51,7 @@ TRACKED_BY = (
     "post_processing",
     "cutting",
 )
-Vector = tuple[float, float, float]  # x, y, z in mm
+Vector = tuple[Number, Number, Number]  # x, y, z in mm
 
 
 def views(
@@ -157,6 +157,9 @@ class DetectionRun:
     chunk: int
     folder: Path = field(default_factory=lambda: paths.derived().absolute())
 
+    def __post_init__(self) -> None:
+        check_number(self.chunk, "DetectionRun: chunk", least=1, whole=True)
+
     @property
     def chunks(self) -> list[range]:
         """Frames of each table: ranges cut at multiples of ``chunk``."""
@@ -188,7 +191,7 @@ class DetectionRun:
 
 
 @dataclass(frozen=True)
-class Chain:
+class Chain(Settings):
     """A recording with all parameters of its flights.
 
     Each of `CHAIN_STEPS` is an attribute: the `CachedTable` of that name.

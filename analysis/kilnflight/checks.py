@@ -2,12 +2,10 @@
 
 import math
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cache
 from numbers import Real
-from types import NoneType
+from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -23,6 +21,7 @@ import numpy.typing as npt
 
 from kilnflight.arrays import Array, Whole
 
+LARGEST = 1e100  # squares of smaller numbers are finite
 LARGEST_WHOLE = 2.0**53  # larger floats skip whole numbers
 
 
@@ -105,7 +104,11 @@ def _numbers_with_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def check_finite(
-    values: Any, where: str, shape: Any = None, gaps: bool = False, most: float = 1e100
+    values: Any,
+    where: str,
+    shape: Any = None,
+    gaps: bool = False,
+    most: float = LARGEST,
 ) -> Array:
     """Return ``values`` as float64, or raise an `InputError`.
 
@@ -131,6 +134,13 @@ def check_finite(
     return array
 
 
+def check_flags(where: str, *values: Any) -> None:
+    """Raise an `InputError` unless each is True or False; numbers and words are not."""
+    for value in values:
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"{where}: must be True or False, got {value!r}.")
+
+
 def check_whole(values: Any, where: str) -> Whole:
     """Return a column of whole numbers as int64, also where floats hold them."""
     numbers = check_finite(values, where)
@@ -143,15 +153,17 @@ def check_whole(values: Any, where: str) -> Whole:
     return numbers.astype(np.int64)
 
 
+class Range(NamedTuple):
+    """Limits of a number: those that it may be, and those that it may not."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    above: float = -LARGEST
+    below: float = LARGEST  # NaN: it may be infinite
+
+
 def check_number(
-    value: Any,
-    where: str,
-    *,
-    least: float = -math.inf,
-    most: float = math.inf,
-    above: float = -math.inf,
-    below: float = math.inf,
-    whole: bool = False,
+    value: Any, where: str, *, whole: bool = False, **limits: float
 ) -> Any:
     """Return ``value`` as a number of Python.
 
@@ -161,12 +173,10 @@ def check_number(
         Number.
     where
         Begins the message of an error.
-    least, most
-        Limits that are allowed.
-    above, below
-        Limits that are not.
     whole
         Whether it has to be a whole number.
+    **limits
+        Those of `Range`.
 
     Raises
     ------
@@ -175,94 +185,75 @@ def check_number(
     """
     if isinstance(value, np.generic):  # told as 5, not np.int64(5)
         value = value.item()
+    allowed = Range(**limits)
     fits = (
         type(value) in (int, float)
-        and abs(value) <= sys.float_info.max
-        and least <= value <= most
-        and above < value < below
+        and allowed.least <= value <= allowed.most
+        and not (value <= allowed.above or value >= allowed.below)
     )
     if fits and not (whole and value % 1 != 0):
         return int(value) if whole else value
     rules = ["a whole number" if whole else "a number"]
-    limits = {"at least": least, "at most": most, "above": above, "below": below}
-    for word, limit in limits.items():
-        if math.isfinite(limit):
+    words = ("at least", "at most", "above", "below")
+    for word, limit in zip(words, allowed, strict=True):
+        if abs(limit) < LARGEST:
             rules.append(f"{word} {limit:g}")
     raise InputError(f"{where}: must be {', '.join(rules)}, got {value!r}.")
-
-
-class Range(NamedTuple):
-    """Limits of a number, as `check_number` takes them, and whether it may be infinite.
-
-    Infinite means without limit.
-    """
-
-    least: float = -math.inf
-    most: float = math.inf
-    above: float = -math.inf
-    below: float = math.inf
-    infinite: bool = False
 
 
 # Kinds of the fields of settings.
 Number = Annotated[float, Range()]
 Positive = Annotated[float, Range(above=0)]
 NotNegative = Annotated[float, Range(least=0)]
-Unlimited = Annotated[float, Range(least=0, infinite=True)]
+Unlimited = Annotated[float, Range(least=0, below=math.nan)]  # also infinite
 Share = Annotated[float, Range(least=0, most=1)]
-Count = Annotated[int, Range(least=1)]
-CountFrom0 = Annotated[int, Range(least=0)]
+Count = Annotated[int, Range(least=1, most=1e9)]
+CountFrom0 = Annotated[int, Range(least=0, most=1e9)]
 
 
 class Settings:
     """Base of frozen dataclasses whose fields are checked by their kinds."""
 
     def __post_init__(self) -> None:
-        settings: Any = type(self)
-        for name, kind in _kinds(settings).items():
-            where = f"{type(self).__name__}: {name}"
-            value = _checked(getattr(self, name), kind, where)
-            object.__setattr__(self, name, value)
-
-
-@cache
-def _kinds(settings: Any) -> dict[str, Any]:
-    """Return the kinds of the fields of settings, by name."""
-    kinds = get_type_hints(settings, include_extras=True)
-    return {each.name: kinds[each.name] for each in fields(settings)}
+        settings: Any = self
+        kinds = get_type_hints(type(self), include_extras=True)
+        for each in fields(settings):
+            value = getattr(self, each.name)
+            if value is not each.default:
+                where = f"{type(self).__name__}: {each.name}"
+                value = _checked(value, kinds[each.name], where)
+                object.__setattr__(self, each.name, value)
 
 
 def _checked(value: Any, kind: Any, where: str) -> Any:
-    """Return a value of a kind as Python's own; objects are not checked."""
+    """Return a value of a kind as Python's own."""
     if isinstance(value, np.generic):
         value = value.item()
+    origin = get_origin(kind)
     parts = get_args(kind)
     if NoneType in parts:
-        if value is None:
-            return None
-        kind = parts[0]
-        parts = get_args(kind)
-    origin = get_origin(kind)
+        return None if value is None else _checked(value, parts[0], where)
     if origin is tuple:
         return _checked_each(value, parts, where)
-    limits = Range()
     if origin is Annotated:
-        kind, limits = parts
-    if kind in (int, float):
-        rules = limits._asdict()
-        if rules.pop("infinite") and value == math.inf:
-            return value
-        return check_number(value, where, whole=kind is int, **rules)
-    if origin is Literal and value not in parts:
-        raise InputError(f"{where}: {value!r} is not {' or '.join(parts)}.")
-    if kind in (bool, str) and type(value) is not kind:
-        raise InputError(f"{where}: must be {kind.__name__}, got {value!r}.")
+        limits = parts[1]._asdict()
+        return check_number(value, where, whole=parts[0] is int, **limits)
+    told = getattr(kind, "__name__", kind)
+    if origin is Literal:
+        fits = isinstance(value, str) and value in parts
+        told = " or ".join(parts)
+    else:
+        fits = isinstance(value, parts if origin is UnionType else origin or kind)
+    if not fits:
+        raise InputError(f"{where}: must be {told}, got {value!r}.")
     return value
 
 
 def _checked_each(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
     """Return values of kinds, or of one kind where ``...`` follows it, as a tuple."""
-    if not isinstance(values, list | tuple | np.ndarray):
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    if not isinstance(values, list | tuple):
         raise InputError(f"{where}: must be several values, got {values!r}.")
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(values)

@@ -307,9 +307,9 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     Raises
     ------
     InputError
-        If the corners are in another order, or the scales along and across differ by
-        more than the factor `MOST_UNLIKE`: the belt does not run to the right, or has
-        another size.
+        If the corners are in another order or three of them in a line, or the scales
+        along and across differ by more than the factor `MOST_UNLIKE`: the belt does not
+        run to the right, or has another size.
 
     Notes
     -----
@@ -329,10 +329,13 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     array([[588.,  90.]])
     """
     places = check_finite(corners.places, "corners", (4, 2))
+    spread = check_finite(corners.spread_px, "corners: spread_px", (4,))
     pixels = places[:, ::-1].astype(np.float32)
-    if places.sum(axis=1).argmin() or cv2.contourArea(pixels, oriented=True) <= 0:
+    clockwise = cv2.contourArea(pixels, oriented=True) > 0
+    if places.sum(axis=1).argmin() or not (clockwise and cv2.isContourConvex(pixels)):
         raise InputError(
-            "corners: pass upper left, upper right, lower right, lower left."
+            "corners: pass upper left, upper right, lower right, lower left, no three "
+            "of them in a line."
         )
     matrix = cv2.getPerspectiveTransform(pixels, belt.corners.astype(np.float32))
     mm = _sides(belt.corners)
@@ -347,7 +350,7 @@ def calibrate_camera(corners: BeltCorners, belt: Area = BELT) -> Calibration:
     scale = float(mm.sum() / px.sum())
     return Calibration(
         matrix=np.asarray(matrix, float),
-        error_mm=scale * float(corners.spread_px.max()),
+        error_mm=scale * float(spread.max()),
         mm_per_px=scale,
     )
 

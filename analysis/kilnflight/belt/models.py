@@ -30,7 +30,14 @@ import numpy as np
 from pandas import DataFrame
 
 from kilnflight.arrays import Array
-from kilnflight.checks import InputError, Positive, Settings, check_finite, check_number
+from kilnflight.checks import (
+    InputError,
+    Number,
+    Positive,
+    Settings,
+    check_finite,
+    check_number,
+)
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 BELT_START_MM = 388.0  # along the belt, in the authors' files of 2020
@@ -62,7 +69,7 @@ def time_to_cover(
 
 
 @dataclass(frozen=True)
-class _Model:
+class _Model(Settings):
     """A model whose parameter, if it has one to calibrate, is NaN until then."""
 
     @property
@@ -192,7 +199,7 @@ class IV(ArrivalModel):
         Median over the prediction phase (sec. 5), from `calibrated`.
     """
 
-    velocity_mm_s: float = np.nan
+    velocity_mm_s: Positive = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return distance / self.velocity_mm_s
@@ -220,7 +227,7 @@ class CVBC(CV):
         Those for which CV predicts no arrival are left out.
     """
 
-    bias_s: float = np.nan
+    bias_s: Number = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return super()._duration(distance, velocity, acceleration) + self.bias_s
@@ -243,7 +250,7 @@ class CA(ArrivalModel):
 
 
 @dataclass(frozen=True)
-class CALV(Settings, ArrivalModel):
+class CALV(ArrivalModel):
     """Constant acceleration up to a limit of the velocity, then constant velocity.
 
     Parameters
@@ -285,7 +292,7 @@ class IA(ArrivalModel):
         Median of those that would have predicted the particles of `calibrated` exactly.
     """
 
-    acceleration_mm_s2: float = np.nan
+    acceleration_mm_s2: Number = np.nan
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return time_to_cover(distance, velocity, self.acceleration_mm_s2)
@@ -308,15 +315,19 @@ class LateralModel(_Model, ABC):
         remaining_s
             (n,) predicted times in s from the last observation to the arrival; NaN:
             none predicted.
+
+        Raises
+        ------
+        InputError
+            If the model is not calibrated, a number is not finite, or a time is below 0
+            or not one for each particle.
         """
         self._check_calibrated()
         names = ("y", "velocity_y_mm_s", "acceleration_y_mm_s2")
         y, velocity, acceleration = _take(last, "last", *names)
-        if np.shape(remaining_s) != y.shape or np.less(remaining_s, 0).any():
-            raise InputError(
-                f"remaining_s: must be {len(y)} times in s, none of them below 0."
-            )
-        return y + self._displacement(remaining_s, velocity, acceleration)
+        time = check_finite(remaining_s, "remaining_s", y.shape, True, np.inf)
+        check_number(np.fmin.reduce(time, initial=0.0), "remaining_s", least=0)
+        return y + self._displacement(time, velocity, acceleration)
 
     def calibrated(self, last: Columns, arrival: Columns) -> Self:
         """Return the model with its parameter from particles with observed arrival.
@@ -404,7 +415,7 @@ class Ratio(LateralModel):
         r, the median of arrival velocity over last velocity, from `calibrated`.
     """
 
-    share: float = np.nan
+    share: Number = np.nan
 
     def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         # The acceleration is -(1 - r) velocity / time; half of it times time squared:

@@ -292,6 +292,7 @@ class BeltTracker(Settings):
             Number of frames of the camera. Steps end with frame ``frames - 1`` or with
             the last measurement, whichever is later; so 0 means the last measurement.
         """
+        check_number(frames, "BeltTracker: frames", least=0, whole=True)
         table = MEASURED.check(measured, once=True)
         frame_of = table["frame"].to_numpy()
         places = table[["x", "y"]].to_numpy()

@@ -6,14 +6,23 @@ bar are choices.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pandas import DataFrame
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Integers
 from kilnflight.belt.models import BELT_WIDTH_MM
-from kilnflight.checks import Count, NotNegative, Number, Positive, Settings
+from kilnflight.checks import (
+    NotNegative,
+    Number,
+    Positive,
+    Range,
+    Settings,
+    check_flags,
+    check_shape,
+    real_numbers,
+)
 
 # Valve, and times in s of the commands to open and to close, (k,) each.
 Events = tuple[Integers, Array, Array]
@@ -80,10 +89,10 @@ class ValveBar(Settings):
     0.5
     """
 
-    valves: Count = 32
+    valves: Annotated[int, Range(least=1, most=10_000)] = 32
     belt_mm: Positive = BELT_WIDTH_MM
     valve_mm: Positive | None = None
-    open_s: NotNegative = 0.005
+    open_s: Positive = 0.005
     latency_s: NotNegative = 0.0
     delay_s: Number = 0.0
     dead_s: NotNegative = 0.0
@@ -110,8 +119,8 @@ class ValveBar(Settings):
         Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`;
         rows whose time or place is NaN open no valve and are left out.
         """
-        time = predicted["time_s"].to_numpy()
-        y = predicted["y"].to_numpy()
+        time = real_numbers(predicted["time_s"], "predicted: time_s")
+        y = real_numbers(predicted["y"], "predicted: y")
         known = np.isfinite(time) & np.isfinite(y)
         # The valve whose middle is nearest.
         steps = (y[known].clip(0, self.belt_mm) - self.middles_mm[0]) / self.pitch_mm
@@ -180,4 +189,7 @@ class ValveBar(Settings):
             (n,), which of them are to be blown out.
         """
         time_s, y = arrival[["time_s", "y"]].to_numpy(float).T
-        return Separation(self.hits(self.events(predicted), time_s, y), chosen)
+        hit = self.hits(self.events(predicted), time_s, y)
+        check_flags("ValveBar: chosen", *chosen)
+        check_shape(np.asarray(chosen), hit.shape, "ValveBar: chosen")
+        return Separation(hit, np.asarray(chosen))

@@ -128,16 +128,19 @@ def nearest_neighbors(cloud: Array, k: int) -> Integers:
     nearest = np.empty((len(cloud), k), np.int32)
     if not k:
         return nearest
-    tree = cKDTree(cloud)
-    many = min(k + 2, len(cloud))  # itself and one beyond
+    # Of equal points the first k + 1 are near enough to all others, and to each other.
+    copy = pd.DataFrame(cloud).groupby([0, 1, 2], sort=False).cumcount()
+    some = np.flatnonzero(copy <= k)
+    tree = cKDTree(cloud[some])
+    many = min(k + 2, len(some))  # itself and one beyond
     for first in range(0, len(cloud), 20_000):  # saves memory
         rows = np.arange(first, min(first + 20_000, len(cloud)))
         distances, indices = map(np.asarray, tree.query(cloud[rows], many))
-        nearest[rows] = indices[:, 1 : k + 1]
+        nearest[rows] = some[indices[:, 1 : k + 1]]
         # Where distances may be equal, the neighbours are sorted in the cloud's order.
         tied = (np.diff(distances, axis=1) <= 1e-12 * distances[:, 1:]).any(axis=1)
         for row, reach in zip(rows[tied], distances[tied, -1], strict=True):
-            within = tree.query_ball_point(cloud[row], reach * (1 + 1e-9))
+            within = some[tree.query_ball_point(cloud[row], reach * (1 + 1e-9))]
             others = np.setdiff1d(within, row)
             squares = ((cloud[others] - cloud[row]) ** 2).sum(axis=1)
             nearest[row] = others[np.argsort(squares, kind="stable")[:k]]

@@ -3,8 +3,24 @@
 import cv2
 import numpy as np
 
-from kilnflight.arrays import ArrayLike, Flags
+from kilnflight.arrays import Array, ArrayLike, Flags
 from kilnflight.checks import InputError, check_finite, check_shape
+
+
+def check_polygon(polygon: ArrayLike, where: str = "polygon") -> Array:
+    """Return the corners (n, 2) of a polygon, row and col in px.
+
+    Raises
+    ------
+    InputError
+        As `inside`. A corner 10^7 px away is an error, too: to draw it takes seconds.
+    """
+    corners = check_finite(polygon, where, (None, 2), most=1e7)
+    if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
+        raise InputError(
+            f"{where}: pass three or more corners (row, col), not all in one line."
+        )
+    return corners
 
 
 def inside(polygon: ArrayLike, row: ArrayLike, col: ArrayLike) -> Flags:
@@ -36,15 +52,10 @@ def inside(polygon: ArrayLike, row: ArrayLike, col: ArrayLike) -> Flags:
     >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
     [True, False, True]
     """
-    corners = check_finite(polygon, "polygon", (None, 2))
-    if len(corners) < 3 or np.linalg.matrix_rank(corners - corners[0]) < 2:
-        raise InputError(
-            "polygon: pass three or more corners (row, col), not all in one line."
-        )
+    contour = check_polygon(polygon).astype(np.float32)
     r = check_finite(row, "row")
     c = check_finite(col, "col")
     check_shape(c, r.shape if r.ndim and c.ndim else c.shape, "col")
-    contour = corners.astype(np.float32)
     places = np.broadcast(r, c)
     side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
     return np.greater_equal(side, 0).reshape(places.shape)

@@ -5,7 +5,6 @@ Orientation and descriptor (Eqs 2.29 ff.) are not computed.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any
@@ -17,8 +16,9 @@ from numba import njit
 from kilnflight.arrays import Array, ArrayLike, Flags, Single
 from kilnflight.checks import NotNegative, Range, Settings
 from kilnflight.detection.otsu import check_foreground
+from kilnflight.detection.region import check_polygon
 
-Polygon = Sequence[tuple[float, float]]
+Polygon = ArrayLike  # (n, 2) row, col of its corners in px
 _Box = tuple[int, int, int, int]  # first row, end row, first column, end column
 
 # Lowe 2004 ([66] of the thesis), sections 3 and 4.
@@ -163,34 +163,34 @@ class DoG(Settings):
             Corners (row, col) of a polygon in px, or None: the whole image.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
+        corners = None
+        if within is not None:
+            corners = check_polygon(within, "DoG: within")
         if self.enlarge > 1 and image.size:
-            return self._graded_enlarged(image, within)
+            return self._graded_enlarged(image, corners)
         octaves = [np.empty((0, 4))]
         spacing = 1.0
         if image.size:
             first = _taps(math.sqrt(SIGMA_PX**2 - self.camera_blur**2))
             image = _blur(np.ascontiguousarray(image), first, 1)
         while min(image.shape) >= 3:  # a maximum has a neighbour on each side
-            octaves.append(self._octave(image, spacing, within))
+            octaves.append(self._octave(image, spacing, corners))
             image = _blur(image, _NEXT, 2)
             spacing *= 2
         return np.concatenate(octaves)
 
-    def _graded_enlarged(self, image: Single, within: Polygon | None) -> Array:
+    def _graded_enlarged(self, image: Single, within: Array | None) -> Array:
         """Return what `graded` finds in the enlarged image (rows, cols)."""
         times = self.enlarge
         shift = (times - 1) / 2  # px from the middle of a pixel to that of its first
-        corners = None
         if within is not None:
-            corners = [
-                (times * row + shift, times * col + shift) for row, col in within
-            ]
+            within = times * within + shift
         blur = min(times * self.camera_blur, SIGMA_PX)
         plain = replace(self, camera_blur=blur, enlarge=1)
-        found = plain.graded(enlarged(image, times), corners)
+        found = plain.graded(enlarged(image, times), within)
         return (found - [shift, shift, 0, 0]) / [times, times, times, 1]
 
-    def _octave(self, image: Single, spacing: float, within: Polygon | None) -> Array:
+    def _octave(self, image: Single, spacing: float, within: Array | None) -> Array:
         """Return row, col, radius, largest threshold (n, 4) of an octave's keypoints.
 
         Places and radii are in px of the image at full size; one pixel of the octave's
@@ -521,14 +521,14 @@ def _reachable(image: Single, level: float) -> Flags:
     return live
 
 
-def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> Flags:
+def _near(polygon: Array, shape: tuple[int, ...], side: float) -> Flags:
     """Return whether each block, of ``shape``, is in a polygon or two blocks from it.
 
-    Corners (row, col) of the polygon and the ``side`` of a block are in px of the image
-    at full size. Two blocks are more than a fit may move and rounding may shift.
+    Corners (n, 2), row and col, of the polygon and the ``side`` of a block are in px of
+    the image at full size. Two blocks are more than a fit may move and rounding may
+    shift.
     """
-    places = np.asarray(polygon, float)[:, ::-1] / side  # col, row
-    corners = np.floor(places).astype(np.int32)
+    corners = np.floor(polygon[:, ::-1] / side).astype(np.int32)
     drawn = cv2.fillPoly(np.zeros(shape, np.uint8), [corners], 1)
     return cv2.dilate(drawn, np.ones((5, 5), np.uint8)) > 0
 

@@ -76,6 +76,11 @@ class Cylinder(Settings):
     inliers: CountFrom0 | None = None
     rms_mm: NotNegative | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        length = np.linalg.norm(self.direction)
+        check_number(length, "Cylinder: length of direction", above=0)
+
 
 def fit_cylinder(points_mm: ArrayLike, seed: int | Generator = 0) -> Cylinder:
     """Fit a cylinder along z to the wall's cluster by MLESAC (section 3.2).
@@ -152,12 +157,9 @@ def distance_to_axis(points_mm: ArrayLike, cylinder: Cylinder) -> Array:
     [5.0]
     """
     points = check_finite(points_mm, "distance_to_axis: points_mm", (None, 3))
-    direction = np.asarray(cylinder.direction)
-    length = np.linalg.norm(direction)
-    check_number(
-        length, "distance_to_axis: length of the cylinder's direction", above=0
-    )
-    return _residuals(points, np.asarray(cylinder.centre_mm), direction / length, 0.0)
+    direction = np.array(cylinder.direction, np.float64)
+    direction /= np.linalg.norm(direction)
+    return _residuals(points, np.asarray(cylinder.centre_mm), direction, 0.0)
 
 
 def crossing(in_air_mm: ArrayLike, wall_mm: ArrayLike) -> float:

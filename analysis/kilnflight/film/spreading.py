@@ -8,7 +8,7 @@ from pandas import DataFrame
 from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array
-from kilnflight.checks import check_number
+from kilnflight.checks import check_flags, check_number
 from kilnflight.tables import TRACKED, Table, in_tracks
 
 LONGEST_LAG = 100  # frames
@@ -65,6 +65,7 @@ def square_displacements(
     >>> displacements["lag"].tolist()
     [1, 2, 3, 4]
     """
+    check_flags("square_displacements: each and drift", each, drift)
     placed = in_tracks(tracks, "square_displacements: tracks")
     drift &= placed.duplicated("frame", keep=False).mean() > ALONE
     longest = np.clip(placed["frame"].nunique() // 4, 1, LONGEST_LAG)
@@ -140,8 +141,9 @@ def fit_spreading(displacements: DataFrame, lags: int = 10) -> Spreading:
     >>> round(fit.diffusion, 6), round(fit.exponent, 6)
     (0.5, 1.0)
     """
-    first = SQUARES.check(displacements).head(lags)
-    check_number(len(first), "diffusion: number of lags", least=3)
+    table = SQUARES.check(displacements)
+    most = min(check_number(lags, "diffusion: lags", whole=True), len(table))
+    first = table.head(check_number(most, "diffusion: number of lags", least=3))
     lag, square, error = first.to_numpy(float).T
     error = np.maximum(error, LEAST_PX2)
     # The line is a sum of the squares; their errors go together, as lags share steps.

@@ -9,7 +9,13 @@ import numpy as np
 from pandas import DataFrame, Series
 
 from kilnflight.arrays import ArrayLike
-from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_number
+from kilnflight.checks import (
+    LARGEST_WHOLE,
+    InputError,
+    Settings,
+    check_finite,
+    check_number,
+)
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, landing_s, starts_at_lance
 from kilnflight.ignition import NONE, SEEN, Ignition, IgnitionResult
@@ -36,7 +42,7 @@ EDGE_PX = 45.0
 
 
 @dataclass(frozen=True)
-class Rules:
+class Rules(Settings):
     """Criteria of flights that differ between recordings.
 
     ``ignition`` depends on the camera's grey values, ``plausible`` on the air's

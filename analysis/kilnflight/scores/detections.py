@@ -18,7 +18,12 @@ from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, ArrayLike, Index, Integers
 from kilnflight.association import assign
-from kilnflight.checks import check_finite, check_number, check_shape
+from kilnflight.checks import (
+    InputError,
+    check_finite,
+    check_number,
+    check_shape,
+)
 from kilnflight.detection.region import inside
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
@@ -48,7 +53,7 @@ def rates(
     Raises
     ------
     InputError
-        If shapes differ or a count is not finite.
+        If shapes differ or a count is no whole number from 0.
 
     Examples
     --------
@@ -61,6 +66,8 @@ def rates(
     checked = [check_finite(each, where, first.shape) for each in others]
     tp, fp, fn = np.atleast_1d(first, *checked)
     check_shape(tp, (None,), where)
+    if np.less([tp, fp, fn], 0).any() or np.mod([tp, fp, fn], 1).any():
+        raise InputError(f"{where}: must be whole numbers from 0.")
     below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
     table = {name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()}
     return DataFrame(table)

@@ -92,6 +92,7 @@ def share(number: int, counted: int) -> Interval:
     >>> none.estimate, round(none.high, 3)
     (0.0, 0.088)
     """
+    counted = check_number(counted, "share: counted", least=0, whole=True)
     check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, 0)

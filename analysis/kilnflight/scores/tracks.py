@@ -16,7 +16,13 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from kilnflight.arrays import Array, Index, Whole
-from kilnflight.checks import InputError, check_columns, check_finite, check_number
+from kilnflight.checks import (
+    InputError,
+    check_columns,
+    check_finite,
+    check_flags,
+    check_number,
+)
 from kilnflight.scores.identities import identities
 from kilnflight.tables import order_tracks, plain, with_pixels
 
@@ -160,6 +166,7 @@ def score_tracks(
         raise InputError(
             f"score_tracks: columns {columns!r}; pass a list of names, each once."
         )
+    check_flags("score_tracks: bridged", bridged)
     true = _read_tracks(truth, columns, "score_tracks: truth", bridged)
     other = _read_tracks(candidate, columns, "score_tracks: candidate", bridged)
     if not true:

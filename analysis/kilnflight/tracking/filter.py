@@ -72,9 +72,11 @@ class Motion(Settings):
 
     def __post_init__(self) -> None:
         names = ("measurement_sd", "velocity_sd", "acceleration_sd")
-        for name, spread in zip(names, self.spreads, strict=False):
+        spreads = np.array(self.spreads, object, ndmin=1)
+        for name, spread in zip(names, spreads, strict=False):
             check_number(spread, f"Motion: {name}", above=0, most=1e30)
         super().__post_init__()
+        check_number(len(self.spreads), "Motion: number of spreads", least=2, most=3)
         check_number(len(self.velocity), "Motion: dimensions of velocity", least=1)
 
     def transition(self, frames: float) -> Array:

@@ -24,6 +24,7 @@ from kilnflight.checks import (
     Share,
     check_columns,
     check_finite,
+    check_flags,
 )
 from kilnflight.tables import TO_TRACK, plain, with_pixels
 from kilnflight.tracking.filter import (
@@ -182,6 +183,7 @@ def track(
     >>> track(seen.assign(col=4.0 * seen["frame"]))["particle"].tolist()
     [0, 1, 0, 1, 0, 1]
     """
+    check_flags("track: progress and link", progress, link)
     detections = plain(detections)
     check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, np.int64)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Whole
-from kilnflight.checks import NotNegative, Number
+from kilnflight.checks import NotNegative, Share
 from kilnflight.tracklets.paths import Paths, PathStep, means, step_speeds
 
 
@@ -51,7 +51,7 @@ class Elimination(PathStep):
 
     duration: NotNegative = 2.0
     speed: NotNegative = 1.0
-    regularity: Number = 0.9
+    regularity: Share = 0.9
 
     def apply(self, paths: Paths, differences: object = None) -> Paths:
         """Return the tracklets that meet Eq. 4.15; ``differences`` are not used."""

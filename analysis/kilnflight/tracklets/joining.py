@@ -229,12 +229,8 @@ class Joining(PathStep):
         missing = last - first + 1 - np.diff(paths.starts)[there]
         low = np.minimum.reduceat(paths.place[:, :2], paths.starts[there])
         high = np.maximum.reduceat(paths.place[:, :2], paths.starts[there])
-        begin = np.arange(len(there)) + 1
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
-        part = np.cumsum(until - begin) // MOST_PAIRS
-        for rows in np.split(begin - 1, np.flatnonzero(np.diff(part)) + 1):
-            one, other = ranges(begin[rows], until[rows])
-            one = rows[one]
+        for one, other in _pairs_up_to(until):
             # If two start together, the one that ends first is the earlier.
             swapped = (first[one] == first[other]) & (last[other] < last[one])
             i = np.where(swapped, other, one)
@@ -422,6 +418,18 @@ class Overlap(NamedTuple):
     # past the earlier one's last point to connect: its first common frame's
     until: Integers
     since: Integers  # the later one's first point to connect: its last common frame's
+
+
+def _pairs_up_to(until: Index) -> Iterator[tuple[Index, Integers]]:
+    """Yield all pairs of m tracklets with those after them, up to ``until`` (m,).
+
+    Some `MOST_PAIRS` come at a time, (p,) each.
+    """
+    begin = np.arange(len(until)) + 1
+    part = np.cumsum(until - begin) // MOST_PAIRS
+    for rows in np.split(begin - 1, np.flatnonzero(np.diff(part)) + 1):
+        one, other = ranges(begin[rows], until[rows])
+        yield rows[one], other
 
 
 def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
