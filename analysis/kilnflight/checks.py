@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import fields
 from numbers import Real
 from types import NoneType, UnionType
 from typing import (
@@ -30,8 +29,9 @@ def printable(text: object) -> str:
 
     So no name commands a terminal.
     """
-    control = r"[\x00-\x1f\x7f-\x9f]"
-    return re.sub(control, lambda found: repr(found[0])[1:-1], str(text))
+    return re.sub(
+        r"[\x00-\x1f\x7f-\x9f]", lambda found: repr(found[0])[1:-1], str(text)
+    )
 
 
 class InputError(ValueError):
@@ -43,19 +43,19 @@ class InputError(ValueError):
 
 def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless a DataFrame has ``columns``, each once."""
-    held = getattr(table, "columns", None)
+    held: Any = getattr(table, "columns", None)
     if not hasattr(held, "nlevels") or hasattr(held, "levels"):
-        kind = type(table).__name__
         raise InputError(
-            f"{where}: {kind}. Pass a DataFrame with one level of column names."
+            f"{where}: {type(table).__name__}. Pass a DataFrame with one level of "
+            "column names."
         )
-    missing = [name for name in columns if name not in table.columns]
+    missing = [name for name in columns if name not in held]
     if missing:
-        has = ", ".join(map(str, table.columns)) or "none"
+        has = ", ".join(map(str, held)) or "none"
         raise InputError(
             f"{where}: no column {', '.join(missing)}; it has {has}. Add or rename it."
         )
-    doubled = [name for name in columns if np.sum(table.columns == name) > 1]
+    doubled = [name for name in columns if np.sum(held == name) > 1]
     if doubled:
         raise InputError(
             f"{where}: several columns {', '.join(map(str, doubled))}. Keep one."
@@ -71,8 +71,10 @@ def check_shape(
         for length, expected in zip(array.shape, shape, strict=True)
     )
     if not fits:
-        expected = str(tuple(shape)).replace("None", "n")
-        raise InputError(f"{where}: shape {array.shape}, expected {expected}.")
+        raise InputError(
+            f"{where}: shape {array.shape}, expected "
+            f"{str(tuple(shape)).replace('None', 'n')}."
+        )
 
 
 def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
@@ -83,8 +85,7 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
             array = _numbers_with_gaps(array)
         # numpy would make numbers of dates and of texts, and forget a mask
         if np.ma.isMaskedArray(values):
-            hidden = "fill it or leave out what is hidden"
-            raise TypeError(f"it holds {array.dtype}, masked: {hidden}")
+            raise TypeError("it is masked: fill it or leave out what is hidden")
         if array.dtype.kind not in "iuf":
             raise TypeError(f"it holds {array.dtype}")
         return array
@@ -117,9 +118,9 @@ def check_finite(
     squares stay finite.
     """
     array = real_numbers(values, where).astype(np.float64, order="C", copy=False)
-    if shape is not None and array.shape == (0,) and None in shape:
-        array = np.ones([n or 0 for n in shape])
     if shape is not None:
+        if array.shape == (0,) and None in shape:
+            array = np.ones([n or 0 for n in shape])
         check_shape(array, shape, where)
     # two passes without a copy, for the usual case
     if -most < array.min(initial=0.0) <= array.max(initial=0.0) < most:
@@ -127,9 +128,9 @@ def check_finite(
     wrong = ~((np.abs(array) < most) | (np.isnan(array) & gaps))
     if wrong.any():
         first = tuple(np.argwhere(wrong)[0].tolist())
-        told = f"{wrong.sum()} value(s) are not finite or too large ({array[first]})"
         raise InputError(
-            f"{where}: {told}, the first at {first}. Leave out such points."
+            f"{where}: {wrong.sum()} value(s) are not finite or too large "
+            f"({array[first]}), the first at {first}. Leave out such points."
         )
     return array
 
@@ -191,11 +192,12 @@ def check_number(
         and allowed.least <= value <= allowed.most
         and not (value <= allowed.above or value >= allowed.below)
     )
-    if fits and not (whole and value % 1 != 0):
+    if fits and not (whole and value % 1):
         return int(value) if whole else value
     rules = ["a whole number" if whole else "a number"]
-    words = ("at least", "at most", "above", "below")
-    for word, limit in zip(words, allowed, strict=True):
+    for word, limit in zip(
+        ("at least", "at most", "above", "below"), allowed, strict=True
+    ):
         if abs(limit) < LARGEST:
             rules.append(f"{word} {limit:g}")
     raise InputError(f"{where}: must be {', '.join(rules)}, got {value!r}.")
@@ -215,14 +217,12 @@ class Settings:
     """Base of frozen dataclasses whose fields are checked by their kinds."""
 
     def __post_init__(self) -> None:
-        settings: Any = self
-        kinds = get_type_hints(type(self), include_extras=True)
-        for each in fields(settings):
-            value = getattr(self, each.name)
-            if value is not each.default:
-                where = f"{type(self).__name__}: {each.name}"
-                value = _checked(value, kinds[each.name], where)
-                object.__setattr__(self, each.name, value)
+        settings = type(self)
+        kinds = get_type_hints(settings, include_extras=True)
+        for name, value in vars(self).items():
+            if value is not getattr(settings, name, settings):  # the default
+                where = f"{settings.__name__}: {name}"
+                object.__setattr__(self, name, _checked(value, kinds[name], where))
 
 
 def _checked(value: Any, kind: Any, where: str) -> Any:
@@ -253,11 +253,12 @@ def _checked_each(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any,
     """Return values of kinds, or of one kind where ``...`` follows it, as a tuple."""
     if isinstance(values, np.ndarray):
         values = values.tolist()
-    if not isinstance(values, list | tuple):
-        raise InputError(f"{where}: must be several values, got {values!r}.")
+    count = len(values) if isinstance(values, list | tuple) else -1
     if kinds[-1] is Ellipsis:
-        kinds = kinds[:1] * len(values)
-    if len(values) != len(kinds):
-        raise InputError(f"{where}: must be {len(kinds)} values, got {values!r}.")
+        kinds = kinds[:1] * count
+    if len(kinds) != count:
+        raise InputError(
+            f"{where}: must be {len(kinds) or 'several'} values, got {values!r}."
+        )
     both = zip(values, kinds, strict=True)
     return tuple(_checked(value, kind, where) for value, kind in both)

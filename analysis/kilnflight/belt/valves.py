@@ -20,7 +20,6 @@ from kilnflight.checks import (
     Range,
     Settings,
     check_flags,
-    check_shape,
     real_numbers,
 )
 
@@ -191,5 +190,4 @@ class ValveBar(Settings):
         time_s, y = arrival[["time_s", "y"]].to_numpy(float).T
         hit = self.hits(self.events(predicted), time_s, y)
         check_flags("ValveBar: chosen", *chosen)
-        check_shape(np.asarray(chosen), hit.shape, "ValveBar: chosen")
         return Separation(hit, np.asarray(chosen))

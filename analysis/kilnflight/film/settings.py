@@ -82,8 +82,7 @@ class Options(Settings):
             and roi[2] < roi[3] <= cols
         )
         if not fits:
-            most = (length, rows, cols)
             raise InputError(
                 f"frames and roi: {(*frames, *roi)} end before they begin, or beyond "
-                f"{most}."
+                f"{(length, rows, cols)}."
             )

@@ -127,7 +127,8 @@ def fit_spreading(displacements: DataFrame, lags: int = 10) -> Spreading:
     Raises
     ------
     InputError
-        If there are fewer than three lags, or a value is not finite.
+        If there are fewer than three lags, their number is not whole, or a value is not
+        finite.
 
     Notes
     -----
@@ -141,9 +142,9 @@ def fit_spreading(displacements: DataFrame, lags: int = 10) -> Spreading:
     >>> round(fit.diffusion, 6), round(fit.exponent, 6)
     (0.5, 1.0)
     """
-    table = SQUARES.check(displacements)
-    most = min(check_number(lags, "diffusion: lags", whole=True), len(table))
-    first = table.head(check_number(most, "diffusion: number of lags", least=3))
+    most = check_number(lags, "diffusion: lags", least=3, whole=True)
+    first = SQUARES.check(displacements).head(most)
+    check_number(len(first), "diffusion: number of lags", least=3)
     lag, square, error = first.to_numpy(float).T
     error = np.maximum(error, LEAST_PX2)
     # The line is a sum of the squares; their errors go together, as lags share steps.

@@ -42,6 +42,7 @@ ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
 # Lengths in um and times in s, as ImageJ and OME name them.
 UNITS = {"nm": 1e-3, "um": 1.0, "micron": 1.0, "mm": 1e3, "ms": 1e-3, "s": 1.0}
 UNITS |= {"\u00b5m": 1.0, r"\u00B5m": 1.0, "sec": 1.0, "min": 60.0}
+MOST_COLUMNS = 20_000  # of a text; no camera has more
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Facts = dict[str, Any]  # attributes by name
 Key = str | Sequence[str] | None  # variable or data set; several become columns
@@ -391,8 +392,10 @@ def _read_text(path: Path, named: bool) -> Anything:
     if not text.endswith("\n"):
         raise InputError("its last line is cut")
     text = re.sub(r"^[%#\s]+", "", text)  # MATLAB's and numpy's mark of a comment
-    first = text.split("\n", 1)[0]
+    first = text.partition("\n")[0]
     separator = next((each for each in ";\t," if each in first), r"\s+")
+    if len(re.findall(separator, first)) > MOST_COLUMNS:
+        raise InputError(f"it has more than {MOST_COLUMNS} columns")
     decimal = "."
     if separator != "," and re.search(r"\d,\d", text):
         decimal = ","

@@ -31,6 +31,7 @@ from kilnflight.checks import InputError
 from kilnflight.store.cache import write_whole
 from kilnflight.tables import FORMATS, PROGRAMS, in_tracks, with_pixels
 
+MOST_COLUMNS = 10_000  # more take minutes
 ENDINGS = {"csv": ("", ".csv", ".txt", ".parquet"), "challenge": ("", ".xml")}
 # Since TrackMate 7 three lines follow the names: long names, short names, units.
 SPOT_NAMES = "Label,Spot ID,Track ID,Frame,Z,Y,X\n"
@@ -58,9 +59,11 @@ def read_text(path: Path) -> DataFrame:
     if names[0].isdecimal():
         return _read_boxes(text)
     widths = {len(row) for row in rows if row}
-    if widths - {len(names)} or len({*names}) < len(names) or not text.endswith("\n"):
+    once = len(names) == len({*names}) <= MOST_COLUMNS
+    if widths - {len(names)} or not once or not text.endswith("\n"):
         raise InputError(
-            "a line has other cells than names, a name is twice, or the end is cut."
+            "a line has other cells than names, a name is twice, the end is cut, or "
+            f"there are more than {MOST_COLUMNS} columns."
         )
     told = None
     if "\nLabel,Spot ID," in text:

@@ -162,7 +162,8 @@ class Joining(PathStep):
         cost.
         """
         changed = np.ones(len(paths.starts) - 1, bool)
-        known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
+        none: Any = np.empty(0, np.intp)
+        known = Candidates(none, none, none)
         while True:
             new = self.candidates(paths, changed)
             if differences is not None:
@@ -183,7 +184,7 @@ class Joining(PathStep):
         ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is
         Eq. 4.24 without its last term, that of the streak.
         """
-        speeds = paths.usual_speeds(np.arange(len(changed)))
+        speeds = paths.usual_speeds()
         near = self._in_time(paths, changed)
         parts = [self._possible(paths, pairs, speeds) for pairs in near]
         return Candidates(*map(np.concatenate, zip(*parts, strict=True)))
@@ -198,10 +199,9 @@ class Joining(PathStep):
         limit = median + self.jump
         # Eq. 4.21, and the step over a gap, which the connected part has, too
         merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
-        frames = np.maximum(pairs.cost, 1)
         start = paths.place[paths.starts[pairs.later], :2]
         end = paths.place[paths.starts[pairs.earlier + 1] - 1, :2]
-        slow = np.hypot(*(start - end).T) <= _MORE * limit * frames
+        slow = np.hypot(*(start - end).T) <= _MORE * limit * np.maximum(pairs.cost, 1)
         possible = np.where(pairs.cost > 0, slow, merged)
         pairs = _take(pairs, possible)
         overlap = _take(overlap, possible)

@@ -28,13 +28,12 @@ class Paths(NamedTuple):
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def usual_speeds(self, some: Index) -> Array:
+    def usual_speeds(self) -> Array:
         """Return the median and the largest speed (2, m) of tracklets in px/frame.
 
-        They are 0 without a step, and for tracklets that are not among ``some``.
+        They are 0 without a step.
         """
-        names, points = ranges(self.starts[some], self.starts[some + 1])
-        path, speed = step_speeds(some[names], self.frame[points], self.place[points])
+        path, speed = step_speeds(self.names(), self.frame, self.place)
         found = Series(speed).groupby(path).agg(["median", "max"])
         every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
         return every.to_numpy().T
