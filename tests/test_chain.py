@@ -148,3 +148,15 @@ def test_a_worker_of_another_version_or_elsewhere_is_refused(run):
         InputError, match=run.detection.table(range(202, 204)).path.name
     ):
         chain.make_tables([run], lambda *_: None)
+
+
+def test_a_run_of_words_and_of_no_frames_a_table_is_refused(run):
+    wrong = [{"post_processing": "False"}, {"exit_point_mm": (0.0, np.nan, 1.0)}]
+    wrong += [{"exit_point_mm": (0.0, 1.0)}, {"wall": 700.0}, {"tracker": None}]
+    for each in wrong:
+        (name,) = each
+        with pytest.raises(InputError, match=f"Chain: {name}"):
+            replace(run, **each)
+    for chunk in (0, -1, 1.5, "4"):
+        with pytest.raises(InputError, match="chunk"):
+            replace(run.detection, chunk=chunk)

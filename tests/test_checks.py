@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import kilnflight
+from kilnflight.belt.models import IV
 from kilnflight.checks import (
     Count,
     CountFrom0,
@@ -16,6 +17,7 @@ from kilnflight.checks import (
     Settings,
     Share,
     Unlimited,
+    check_flags,
     check_number,
 )
 
@@ -115,3 +117,68 @@ def test_settings_keep_numbers_as_those_of_python():
     }
     pythons = {"count": 3, "flag": True, "pair": (2, 5), "several": (0.5,)}
     assert repr(Some(**numpys)) == repr(Some(**pythons))
+
+
+class Nothing:
+    """What no setting is."""
+
+
+NEVER = [
+    np.nan,
+    -np.inf,
+    -(10**400),
+    -1e200,
+    "no",
+    "1",
+    [],
+    (np.nan, np.nan),
+    (np.nan,) * 3,
+    ["a", "b"],
+    np.array([[1.0, 2.0]]),
+    np.ma.masked,
+    np.ma.masked_array([1.0, 2.0], [False, True]),
+    1j,
+    b"1",
+    Nothing(),
+]
+NEEDED = {
+    "Motion": {"velocity": (0.0, 0.0), "spreads": (1.0, 1.0), "noise": 1.0},
+    "Cylinder": {"centre_mm": (0, 0, 0), "direction": (0, 0, 1), "radius_mm": 1.0},
+}
+NEEDED["Wandering"] = NEEDED["Motion"]
+
+
+def test_no_settings_take_what_none_of_them_can_be():
+    taken = []
+    for kind in settings_of():
+        if kind is Some:
+            continue
+        needed = NEEDED.get(kind.__name__, {})
+        try:
+            kind(**needed)
+        except TypeError:  # abstract, or made of other parts
+            continue
+        for field in dataclasses.fields(kind):
+            for value in NEVER:
+                if value is field.default:  # NaN: not calibrated
+                    continue
+                try:
+                    kind(**needed | {field.name: value})
+                except InputError:
+                    continue
+                taken.append((kind.__name__, field.name, value))
+    assert not taken
+
+
+def test_a_default_is_not_checked_and_may_say_that_nothing_is_known():
+    assert np.isnan(IV().velocity_mm_s)
+    for value in (0.0, -1.0, "1", np.inf):
+        with pytest.raises(InputError, match="IV: velocity_mm_s"):
+            IV(value)
+
+
+@pytest.mark.parametrize("value", [0, 1.0, "no", "", None, [True], np.array([True])])
+def test_yes_and_no_are_no_numbers_and_no_words(value):
+    check_flags("flag", True, np.False_)
+    with pytest.raises(InputError, match="flag"):
+        check_flags("flag", True, value)

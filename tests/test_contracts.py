@@ -14,6 +14,8 @@ import pytest
 import kilnflight
 from kilnflight import background
 from kilnflight.association import GNN, JPDA, PDA, NearestNeighbor, joint_probabilities
+from kilnflight.belt.tracker import BeltTracker
+from kilnflight.camera import DepthCalibration
 from kilnflight.checks import InputError
 from kilnflight.detection import (
     DBSCAN,
@@ -23,15 +25,23 @@ from kilnflight.detection import (
     QuasiClusterCenters,
 )
 from kilnflight.detection.otsu import otsu_threshold
+from kilnflight.detection.wall import Cylinder
 from kilnflight.flight import space_sliced_velocity
+from kilnflight.flight.table import Rules
 from kilnflight.regression import Regression, regress, regress_all
 from kilnflight.scores import score_detections, score_tracks
 from kilnflight.simulated.kiln import scenes
 from kilnflight.store.parallel import Workers
 from kilnflight.tracking import track
-from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity, Gate
+from kilnflight.tracking.filter import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    Gate,
+    Motion,
+)
 from kilnflight.tracking.tracker import Management
-from kilnflight.tracklets import STEPS, postprocess
+from kilnflight.tracklets import STEPS, Connection, Elimination, postprocess
+from kilnflight.tracklets.joining import Costs
 
 CLUSTERERS = [
     DBSCAN(30.0, 4),
@@ -336,7 +346,13 @@ SETTINGS = [  # that are out of range
     (PDA, {"detection_probability": (0.0, 1.0, NAN, "0.9")}),
     (Gate, {"distance": (-1.0, NAN, np.inf, "4"), "depth_mm": (-1.0, NAN, None)}),
     (ConstantVelocity, {"velocity": ((NAN, 0.0), (), 3.0, ("a", "b"))}),
-    (ConstantVelocity, {"measurement_sd": (0.0, NAN, "2")}),
+    (ConstantVelocity, {"measurement_sd": (0.0, NAN, "2", None)}),
+    (partial(Motion, (0.0, 0.0), noise=1.0), {"spreads": ((1.0,), (1.0,) * 4, 2.0)}),
+    (Elimination, {"duration": (NAN, -1.0), "regularity": (1.5, NAN)}),
+    (Connection, {"gap": (-1.0,), "costs": (2.0, None), "matching": ("dnn",)}),
+    (Costs, {"angle": (NAN, -1.0), "feature": ("1",)}),
+    (Rules, {"ignition": (True,), "plausible": ("no",)}),
+    (BeltTracker, {"motion": (None, 1.0), "frame_s": (0.0, NAN)}),
     (ConstantAcceleration, {"acceleration_sd": (0.0, np.inf)}),
     (Management, {"visibility": (1.5, "a"), "invisible": (2.5,)}),
     (Regression, {"lowest": (0,), "highest": (10,), "gain": (-0.1,)}),
@@ -367,6 +383,14 @@ BAD_CALLS = [  # other faults than those of tests/faults
     ("slice_m", lambda: space_sliced_velocity(regress(FLIGHT, EXIT, 100.0), 1e-7)),
     ("scene", partial(scenes.open_scene, "no-such")),
     ("gone", partial(kilnflight.open, "gone")),
+    ("direction", partial(Cylinder, (0, 0, 0), (0, 0, 0), 700.0)),
+    ("breakpoints", partial(DepthCalibration, (1.0,), ((1.0, 0.0),))),
+    ("closed_left", partial(DepthCalibration, (1.0,), ((1.0,), (2.0,)), ("no",))),
+    ("closed_left", partial(DepthCalibration, (1.0,), ((1.0,), (2.0,)), (True,) * 2)),
+    ("coefficients", partial(DepthCalibration, (1.0,), ((NAN,), (2.0,)))),
+    ("coefficients", partial(DepthCalibration, (1.0,), (1.0, 2.0))),
+    ("link", lambda: track(TABLE[["frame", "row", "col"]], link="no")),
+    ("progress", lambda: track(TABLE[["frame", "row", "col"]], progress=1)),
 ]
 
 

@@ -9,6 +9,7 @@ import pytest
 from kilnflight.belt.camera import (
     BELT,
     Area,
+    BeltCorners,
     calibrate_camera,
     check_picture,
     find_corners,
@@ -92,3 +93,30 @@ def test_a_belt_that_runs_downwards_and_no_area_are_refused():
         Area(start_mm=10.0, end_mm=5.0)
     with pytest.raises(InputError, match="frame 3"):
         check_picture(PICTURE, "frame 3", (2, 2))
+
+
+UPRIGHT = np.array([[10.0, 10], [10, 810], [370, 810], [370, 10]])
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        UPRIGHT[[0, 2, 1, 3]],
+        UPRIGHT[[0, 1, 3, 2]],
+        UPRIGHT[::-1],
+        [[10, 10], [10, 410], [10, 810], [370, 10]],
+        [[10, 10], [10, 810], [190, 410], [370, 10]],
+        [[10, 10], [10, 810], [100, 200], [370, 10]],
+        np.full((4, 2), 10.0),
+    ],
+    ids=str,
+)
+def test_corners_that_are_no_quadrilateral_in_order_are_refused(places):
+    calibrate_camera(BeltCorners(UPRIGHT, np.full(4, 0.02)))
+    with pytest.raises(InputError, match="corners"):
+        calibrate_camera(BeltCorners(np.array(places, float), np.full(4, 0.02)))
+
+
+def test_the_error_of_a_corner_is_known():
+    with pytest.raises(InputError, match="spread"):
+        calibrate_camera(BeltCorners(UPRIGHT, np.full(4, np.nan)))

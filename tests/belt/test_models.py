@@ -194,3 +194,47 @@ def test_ratio_takes_the_median_quotient_of_those_that_move():
         models.Ratio().calibrated(last_of((90.0, 0.0, 0.0), axis="y"), arrivals(0.6))
     with pytest.raises(InputError, match="not calibrated"):
         models.Ratio()(last, np.full(4, 0.1))
+
+
+@lateral_by_name
+@pytest.mark.parametrize(
+    "remaining",
+    [
+        ["0.1", "0.2"],
+        "0.1",
+        [0.1, "a"],
+        [[0.1], [0.1, 0.2]],
+        [[0.1], [0.2]],
+        [0.1],
+        0.1,
+        [0.1, -0.1],
+        [0.1, np.inf],
+        [0.1, None, 0.2],
+        [True, False],
+        np.ma.masked_array([0.1, 0.2], [False, True]),
+        None,
+    ],
+    ids=str,
+)
+def test_times_that_are_no_numbers_of_each_particle_are_refused(model, remaining):
+    last = last_of((90.0, 10.0, 0.0), (20.0, 10.0, 0.0), axis="y")
+    fitted = model.calibrated(last, arrivals(0.6, 0.6, velocities=[5.0, 5.0]))
+    assert fitted(last, [0.1, np.nan])[0] == fitted(last, np.array([0.1, 0.2]))[0]
+    with pytest.raises(InputError, match="remaining_s"):
+        fitted(last, remaining)
+
+
+@pytest.mark.parametrize(
+    ("model", "values"),
+    [
+        (models.IV, [0.0, -1.0, np.inf, "1", None, [1.0]]),
+        (models.CVBC, [np.inf, "1", None, (1.0,)]),
+        (models.IA, [np.inf, "1", None, True]),
+        (models.Ratio, [np.inf, "1", None, True]),
+        (models.CALV, [0.0, np.nan, np.inf, "1", None]),
+    ],
+)
+def test_a_parameter_that_no_calibration_gives_is_refused(model, values):
+    for value in values:
+        with pytest.raises(InputError, match=model.__name__):
+            model(value)

@@ -22,6 +22,7 @@ from kilnflight.belt.tracker import (
     BeltTracker,
     Likelihoods,
 )
+from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.filter import ConstantAcceleration
 
@@ -171,3 +172,9 @@ def test_an_empty_belt_has_no_tracks():
     assert followed.ends.columns.tolist() == [*BELT_ENDS.names, "reason"]
     assert len(followed.states) == len(followed.ends) == 0
     assert len(BeltTracker()(moving(y=400.0, frames=5)).states) == 0
+
+
+@pytest.mark.parametrize("frames", [-1, 1.5, np.nan, "9", None, True])
+def test_frames_are_counted_from_0(frames):
+    with pytest.raises(InputError, match="frames"):
+        BeltTracker()(pd.DataFrame({"frame": [0], "x": [400.0], "y": [90.0]}), frames)

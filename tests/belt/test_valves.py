@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.definitions.belt import valve_hits
 
 from kilnflight.belt.valves import Separation, ValveBar
+from kilnflight.checks import InputError
 from kilnflight.tables import BELT_PREDICTED
 
 BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
@@ -88,3 +90,41 @@ def test_commands_come_a_latency_before_the_window_and_near_windows_are_merged()
         True,
         False,
     ]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"valves": 0},
+        {"valves": 1.5},
+        {"valves": 10**9},
+        {"belt_mm": 0.0},
+        {"valve_mm": 0.0},
+        {"open_s": 0.0},
+        {"open_s": -0.001},
+        {"open_s": np.nan},
+        {"latency_s": -0.001},
+        {"delay_s": np.inf},
+        {"dead_s": "0"},
+    ],
+    ids=str,
+)
+def test_what_a_valve_cannot_do_is_refused(wrong):
+    (name,) = wrong
+    with pytest.raises(InputError, match=name):
+        ValveBar(**wrong)
+
+
+@pytest.mark.parametrize("chosen", [[0, 1], [1.0, 0.0], ["yes", "no"], [None, True]])
+def test_particles_are_chosen_by_true_and_false(chosen):
+    true = np.array([0.1, 0.2]), np.array([90.0, 20.0])
+    assert ValveBar()(table(true), table(true), [True, False]).hit_share == 1.0
+    with pytest.raises(InputError, match="chosen"):
+        ValveBar()(table(true), table(true), chosen)
+
+
+def test_times_and_places_of_predictions_are_numbers():
+    for name in ("time_s", "y"):
+        wrong = table((np.array([0.1]), np.array([90.0]))).assign(**{name: "0.1"})
+        with pytest.raises(InputError, match=name):
+            ValveBar().events(wrong)

@@ -117,3 +117,25 @@ def test_defaults_are_the_best_published_parameters(clusterer, table, columns):
     assert {columns[name]: best[name] for name in columns}.items() <= asdict(
         clusterer
     ).items()
+
+
+@pytest.mark.parametrize("k", [1, 5, 9])
+@pytest.mark.parametrize("copies", [1, 6, 12])
+def test_points_there_many_times_are_neighbours_in_the_order_of_the_cloud(k, copies):
+    rng = np.random.default_rng(k)
+    points = rng.permutation(np.repeat(lattice(copies, 40, 3), copies, axis=0))
+    knn = plain.neighbors_by_sorting(points, k)
+    np.testing.assert_array_equal(nearest_neighbors(points, k), knn)
+    np.testing.assert_array_equal(
+        QuasiClusterCenters(k, 0.1)(points), plain.quasi_centers(points, k, 0.1, knn)
+    )
+
+
+def test_equal_points_are_one_cluster_and_are_not_compared_with_each_other():
+    """Each of the points had all others as candidates: 20 s."""
+    points = np.full((5000, 3), 7.0)
+    assert set(QuasiClusterCenters()(points)) == {0}
+    expected = np.tile(np.arange(35), (2, 1))
+    expected[0] += 1
+    expected[1, 1:] += 1
+    np.testing.assert_array_equal(nearest_neighbors(points, 35)[:2], expected)

@@ -134,3 +134,25 @@ def test_small_blobs_are_found_in_an_enlarged_image(times, sigma):
 def test_an_image_is_enlarged_one_to_four_times(times):
     with pytest.raises(InputError, match="enlarge"):
         DoG(enlarge=times)
+
+
+@pytest.mark.parametrize("enlarge", [1, 2])
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [(0, 0), (0, 90), (np.nan, 90)],
+        [(0, 0), (0, 90), (np.inf, 90)],
+        [(0, 0), (0, 90), (1e12, 90)],
+        [(0, 0), (0, 90)],
+        [(0, 0), (0, 45), (0, 90)],
+        [(0, 0, 0), (0, 90, 0), (90, 90, 0)],
+        "square",
+    ],
+    ids=str,
+)
+def test_a_polygon_without_extent_or_end_is_refused(enlarge, polygon):
+    image = gaussian((90, 90), (40, 60), 3.0)
+    with pytest.raises(InputError):
+        DoG(enlarge=enlarge)(image, polygon)
+    with pytest.raises(InputError):
+        inside(polygon, 1.0, 1.0)

@@ -169,3 +169,18 @@ def test_doubtful_links_are_warned_about():
     for table, named in cases:
         (warning,) = doubtful_links(table)
         assert named in warning
+
+
+@pytest.mark.parametrize("wrong", ["no", "", 0, 1.0, None, [True]], ids=str)
+@pytest.mark.parametrize("name", ["each", "drift"])
+def test_yes_and_no_are_no_words_or_numbers(name, wrong):
+    with pytest.raises(InputError, match=name):
+        square_displacements(walks(2, 9), **{name: wrong})
+
+
+@pytest.mark.parametrize("lags", [-1, 0, 2, 3.5, np.nan, "4", None, True])
+def test_lags_are_counted(lags):
+    displacements = square_displacements(walks(9, 40))
+    assert diffusion(displacements, 1000) == diffusion(displacements, 10.0)
+    with pytest.raises(InputError, match="lags"):
+        diffusion(displacements, lags)

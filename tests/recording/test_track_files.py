@@ -192,3 +192,14 @@ def test_a_name_that_another_format_has_is_refused(name, form, tracks, tmp_path)
     with pytest.raises(InputError, match=name):
         write_table(tracks, tmp_path / name, form)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("read", [read_table, kilnflight.open])
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_table_of_100_000_columns_is_refused(read, separator, tmp_path):
+    names = ["frame", "row", "col", *(f"c{k}" for k in range(100_000))]
+    path = tmp_path / "wide.csv"
+    lines = [separator.join(names), separator.join(["1"] * len(names))]
+    path.write_text("\n".join([*lines, ""]))
+    with pytest.raises(InputError, match=r"wide\.csv"):
+        read(path)

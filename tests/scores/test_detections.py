@@ -3,12 +3,14 @@
 from itertools import permutations
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kilnflight.checks import InputError
 from kilnflight.publication import notebooks
-from kilnflight.scores import score_detections, score_in_pixels
+from kilnflight.scores import rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import pair, particle_centroids
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
@@ -110,3 +112,20 @@ def test_particles_in_the_air_are_counted_as_in_tables_5_13_and_5_14():
     # FP.
     counted = count_in_air(detected, flies, [True, False, True, True])
     assert counted == {"tp": 1, "fp": 2, "fn": 2}
+
+
+def test_rates_of_whole_counts_from_0():
+    found = rates([3, 0], np.array([1.0, 0.0]), pd.Series([2, 0]))
+    assert found.loc[0].tolist() == pytest.approx([3 / 4, 3 / 5, 2 / 3])
+    assert found.loc[1].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "wrong", [-1, 0.5, np.nan, np.inf, "3", True, None, [1, 2], [[1]], 10**400]
+)
+@pytest.mark.parametrize("which", range(3))
+def test_other_counts_are_refused(which, wrong):
+    given = [3, 1, 2]
+    given[which] = wrong
+    with pytest.raises(InputError, match="counts"):
+        rates(*given)

@@ -89,3 +89,11 @@ def test_true_trajectories_and_false_tracks_are_drawn():
     six, ten = (track_draws(scored(count), 1, [1, count]) for count in (6, 10))
     assert (ten - six)[:, 0].min() >= 0  # ten of the same follow at least as many
     assert (track_draws(scored(6), 1, [1, 6]) == six).all()
+
+
+@pytest.mark.parametrize(
+    ("number", "counted"), [(-1, 4), (5, 4), (0.5, 4), (0, -1), (0, 2.5), ("1", 4)]
+)
+def test_a_share_is_of_whole_counts(number, counted):
+    with pytest.raises(InputError, match="share"):
+        share(number, counted)

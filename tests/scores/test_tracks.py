@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.definitions import track_measures
 
+from kilnflight.checks import InputError
 from kilnflight.scores import score_tracks
 
 
@@ -210,3 +211,11 @@ def test_hota_and_mota_are_their_definitions(truth, candidate, gate, bridged):
     true, candidates = map(track_measures.unfilled, tables)
     assert score.hota == pytest.approx(track_measures.hota(true, candidates, gate))
     assert score.mota == pytest.approx(track_measures.mota(true, candidates, gate))
+
+
+@pytest.mark.parametrize("bridged", ["no", 0, 1.0, None])
+def test_gaps_are_bridged_or_not(bridged):
+    tracks = pd.DataFrame({"frame": [0, 1], "particle": 0, "row": 1.0, "col": 1.0})
+    assert score_tracks(tracks, tracks, 5.0, bridged=np.bool_(False)).alpha == 1.0
+    with pytest.raises(InputError, match="bridged"):
+        score_tracks(tracks, tracks, 5.0, bridged=bridged)

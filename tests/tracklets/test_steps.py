@@ -2,6 +2,8 @@
 chapter 4.2.
 """
 
+import tracemalloc
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +19,7 @@ from kilnflight.tracklets import (
     Elimination,
     Fusion,
     OutlierRemoval,
+    joining,
     postprocess,
 )
 from kilnflight.tracklets.joining import Candidates, dual_nearest, hungarian
@@ -210,3 +213,32 @@ def test_munkres_joins_most_pairs_at_the_least_cost(seed, size, levels):
     assert sum(matrix[pair] for pair in result) == pytest.approx(
         costs[costs < np.inf].sum()
     )
+
+
+def test_pairs_tested_part_by_part_are_joined_alike(monkeypatch):
+    tracks = make_flights(5, 12)
+    expected = postprocess(tracks)
+    for most in (1, 17):
+        monkeypatch.setattr(joining, "MOST_PAIRS", most)
+        pd.testing.assert_frame_equal(postprocess(tracks), expected)
+
+
+def test_memory_does_not_grow_with_the_pairs_of_tracklets_at_one_time(monkeypatch):
+    """500 tracks born in 20 frames are 125,000 pairs, which take above 40 MB."""
+    rng = np.random.default_rng(0)
+    born, length = rng.integers(0, 20, 500), rng.integers(4, 20, 500)
+    tracks = pd.DataFrame({"particle": np.repeat(np.arange(500), length)})
+    age = tracks.groupby("particle").cumcount()
+    place, step = rng.uniform(0, 4000, (500, 2)), rng.normal(0, 4, (500, 2))
+    tracks["frame"] = born[tracks["particle"]] + age
+    tracks[["row", "col"]] = (
+        place[tracks["particle"]] + step[tracks["particle"]] * age.to_numpy()[:, None]
+    )
+    expected = Connection()(tracks)
+    monkeypatch.setattr(joining, "MOST_PAIRS", 2**12)
+    tracemalloc.start()
+    found = Connection()(tracks)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    pd.testing.assert_frame_equal(found, expected)
+    assert peak < 15e6
