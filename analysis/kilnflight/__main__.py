@@ -33,8 +33,11 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         options.function(options)
     # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
-    except (ValueError, OSError, KeyboardInterrupt) as error:
-        parser.exit(2, f"kilnflight {options.command}: {str(error) or 'stopped'}\n")
+    except (ValueError, OSError, MemoryError, KeyboardInterrupt) as error:
+        reason = "no memory is left. Close other programs, or take fewer --frames"
+        if not isinstance(error, MemoryError):
+            reason = str(error) or "stopped"
+        parser.exit(2, f"kilnflight {options.command}: {reason}\n")
 
 
 def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
@@ -87,6 +90,7 @@ def _info(options: argparse.Namespace) -> None:
 def _import(options: argparse.Namespace) -> None:
     """Store a recording as Zarr; of an archive of many, draft the manifest."""
     from kilnflight.film.report import summarise_recording
+    from kilnflight.film.run import check_apart
     from kilnflight.recording.series import is_archive
     from kilnflight.recording.store import write_recording
 
@@ -94,7 +98,8 @@ def _import(options: argparse.Namespace) -> None:
         _draft(Path(options.recording), options.to)
         return
     recording = _opened(options, options.to)
-    target = options.to or f"{recording.attributes.name}.zarr"
+    target = options.to or Path(f"{recording.attributes.name}.zarr")
+    check_apart(target, options.recording, recording)
     stored = write_recording(recording, target)
     print(f"imported as {stored.path}")
     summarise_recording(stored)

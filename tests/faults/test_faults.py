@@ -15,6 +15,7 @@ import pandas as pd
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.faults.kinds import BYTES, SAME, equal, faults
+from tests.faults.runs import FAULTS
 from tests.faults.steps import FILES, STEPS_AND_INPUT
 
 from kilnflight.checks import InputError
@@ -27,6 +28,7 @@ OF_STEPS = [
     for column, kind, right, make in faults(value)
 ]
 OF_FILES = [(name, kind) for name in FILES for kind in BYTES]
+OF_RUNS = [(name,) for name in FAULTS for _ in range(5)]
 OUTCOMES = ("clear", "survived", "traceback", "silent", "hang")
 
 
@@ -104,6 +106,13 @@ def of_file(fault, seed):
         return outcome(lambda: read(path), lambda result: same(whole, result))
 
 
+def of_run(fault, seed):
+    """Return what becomes of a run whose surroundings are wrong."""
+    with TemporaryDirectory() as folder:
+        rng = np.random.default_rng(seed)
+        return outcome(lambda: FAULTS[fault[0]](Path(folder), rng), bool)
+
+
 @given(st.sampled_from(OF_STEPS), st.integers(0, 2**32))
 @settings(max_examples=400)
 def test_a_fault_of_an_argument_is_refused_or_changes_nothing(fault, seed):
@@ -116,14 +125,24 @@ def test_a_fault_of_a_file_is_refused_or_seen_in_values_only(fault, seed):
     assert of_file(fault, seed) in ("clear", "survived")
 
 
+@given(st.sampled_from(OF_RUNS), st.integers(0, 2**32))
+@settings(max_examples=30)
+def test_a_fault_around_a_run_is_refused_or_changes_nothing(fault, seed):
+    assert of_run(fault, seed) in ("clear", "survived")
+
+
 def count(seeds):
     """Print what becomes of every fault, with several seeds, and return whether all is
     well.
     """
     rows = []
-    for try_it, every in ((of_step, OF_STEPS), (of_file, OF_FILES)):
-        for fault in every:
-            found = Counter(try_it(fault, seed) for seed in range(seeds))
+    for try_it, every in (
+        (of_step, OF_STEPS),
+        (of_file, OF_FILES),
+        (of_run, OF_RUNS),
+    ):
+        for k, fault in enumerate(every):
+            found = Counter(try_it(fault, seeds * k + n) for n in range(seeds))
             bad = {what: n for what, n in found.items() if what not in OUTCOMES[:2]}
             print(*fault[:4], bad) if bad else None
             rows.append(
@@ -141,4 +160,4 @@ def count(seeds):
 
 
 if __name__ == "__main__":
-    raise SystemExit(not count(3))
+    raise SystemExit(not count(8))

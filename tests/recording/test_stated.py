@@ -345,7 +345,7 @@ def test_pixels_that_are_masked_are_not_seen_and_other_nan_is_named():
         np.testing.assert_array_equal(recording.gray(t)[:, 9:], DEEP[t, :, 9:])
         assert len(np.unique(recording.gray(t)[:, :9])) == 1
     values[3, 5, 20] = np.nan
-    with pytest.raises(InputError, match="NaN"):
+    with pytest.raises(InputError, match="nan"):
         open_any(values)
     mask = np.zeros((24, 32), np.uint8)
     mask[:, 9:] = 255

@@ -13,10 +13,10 @@ import pandas as pd
 from kilnflight import chain, tracking
 from kilnflight.association import GNN, Associator
 from kilnflight.chain import CHAIN_STEPS
-from kilnflight.checks import InputError, check_columns, check_whole
+from kilnflight.checks import InputError, check_columns, check_flags, check_whole
 from kilnflight.film.doubts import doubtful_links, doubts
 from kilnflight.film.motion import motion_of
-from kilnflight.film.pictures import pictures, png
+from kilnflight.film.pictures import PICTURES, pictures, png
 from kilnflight.film.preparation import choose, prepare
 from kilnflight.film.report import Rows, Tables, speed, summary, units
 from kilnflight.film.settings import Options
@@ -37,6 +37,12 @@ DEPTHS = {  # warnings about a column of depth
     "plane": "z is not used, only x and y; a depth in mm is z beside row, col",
 }
 ALWAYS = ("detections", "tracks")  # the other tables are written only with rows
+WRITTEN = (  # all that a run may write
+    *(f"{name}.parquet" for name in ("detections", *CHAIN_STEPS)),
+    "tracks.csv",
+    "summary.csv",
+    *(f"{name}.png" for name in PICTURES),
+)
 
 
 def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
@@ -142,10 +148,14 @@ def track_detections(
     >>> round(kilnflight.score_tracks(truth, tracks, gate=5.0).jsc_theta, 2)
     0.95
     """
+    if post_processing is not None:
+        check_flags("post_processing", post_processing)
     table = _table(detections)
     check_columns(table, ["frame"], "detections")
     frames, step = count_frames(check_whole(table["frame"], "detections: column frame"))
     if step != 1 and "radius_px" not in table:
+        if "number" in table:
+            raise InputError("detections: column number is for frames. Rename it.")
         told = f"frames go in steps of {step:g}: they are counted from 0"
         warnings.warn(told, stacklevel=2)
         table = table.assign(frame=frames, number=table["frame"])
@@ -231,13 +241,7 @@ def run_recording(
     given.check(recording)
     target = Path(target or f"{recording.attributes.name}-run")
     check_apart(target, source, recording)
-    if (target / "tracks.csv").exists() and not (target / "parts").is_dir():
-        raise InputError(
-            f"{target}: has a tracks.csv but no parts of a run. Name another folder."
-        )
-    stored = recording
-    if not isinstance(stored, StoredRecording):
-        stored = _stored(stored, target)
+    stored = _stored(recording, target)
     run, rows = prepare(stored, target, given)
     chain.make_tables([run], workers, steps=())
     if given.max_step or not run.post_processing:
@@ -280,37 +284,64 @@ def check_apart(
             )
 
 
-def _stored(recording: FileRecording, target: Path) -> StoredRecording:
-    """Return the Zarr copy of a recording, made if missing: films are read in order."""
+def _stored(
+    recording: FileRecording | StoredRecording, target: Path
+) -> StoredRecording:
+    """Return a recording as Zarr, in ``target`` if it is none: films are read in order.
+
+    A file in ``parts`` says of which recording the target is.
+    """
     folder = target / "parts"
     folder.mkdir(parents=True, exist_ok=True)
-    copy = folder / f"recording-{recording.content()}.zarr"
+    owner = folder / "recording.txt"
+    content = recording.content()
+    copy = folder / f"recording-{content}.zarr"
     try:
         with locked(folder):
-            if any(path != copy for path in folder.glob("recording-*.zarr")):
-                raise InputError(
-                    f"{target}: has the run of another film. Name another folder."
-                )
-            if copy.exists():
-                return open_recording(copy)
-            return write_recording(recording, copy)
+            _check_own(target, owner, content)
+            if isinstance(recording, StoredRecording):
+                stored = recording
+            elif copy.exists():
+                stored = open_recording(copy)
+            else:
+                stored = write_recording(recording, copy)
+            if not owner.exists():
+                clear_parts(owner)
+                write_whole(owner, content.encode())
+            return stored
     finally:  # nothing is left of a film that cannot be read
         with suppress(OSError):
             folder.rmdir()
             target.rmdir()
 
 
+def _check_own(target: Path, owner: Path, content: str) -> None:
+    """Raise an `InputError` if files would be replaced that are not of this film."""
+    told = ""
+    if owner.exists():
+        if owner.read_text() != content:
+            told = "a run of another film, or of this one before it changed"
+    else:
+        for name in WRITTEN:
+            if (target / name).exists():
+                told = f"a {name} that is of no run"
+    if told:
+        raise InputError(f"{target}: has {told}. Name another folder.")
+
+
 def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:
-    """Write the tables and the pictures.
+    """Write the tables and the pictures; remove those that this run does not have.
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
     with locked(folder):
-        # another run may have left one
-        (folder / "mean-square-displacement.png").unlink(missing_ok=True)
+        old = set(WRITTEN)
         for name, content in _contents(tables, recording, frames):
             clear_parts(folder / name)
             write_whole(folder / name, content)
+            old.remove(name)
+        for name in old:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _contents(
@@ -319,7 +350,8 @@ def _contents(
     """Yield names and contents of files, the tables first: no picture prevents them."""
     for name in ("detections", *CHAIN_STEPS):
         if name in ALWAYS or len(tables[name]):
-            yield f"{name}.parquet", tables[name].to_parquet(index=False)
+            content = tables[name].to_parquet(index=False, write_page_checksum=True)
+            yield f"{name}.parquet", content
     # Empty columns, such as millimetres of a film, are left out.
     for name in ("tracks", "summary"):
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))

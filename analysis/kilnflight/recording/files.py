@@ -95,7 +95,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kilnflight.arrays import Flags
-from kilnflight.checks import InputError, check_shape
+from kilnflight.checks import InputError, check_finite, check_shape
 from kilnflight.recording.frames import (
     Attributes,
     Frame,
@@ -155,7 +155,8 @@ class FileRecording:
     scale
         Value that becomes 0, and grey values per unit; None: whole grey values stay.
     parts
-        Coordinates and labels, of the frames that have any.
+        Coordinates and labels, of the frames that have any, and how grey values are
+        read.
     """
 
     attributes: Attributes
@@ -222,26 +223,27 @@ class FileRecording:
     @property
     def files(self) -> list[Path]:
         """The files of single frames, and a film."""
-        files = [path for part in self.parts for path in part.files.values()]
-        return [*getattr(self.images, "files", ()), *files]
+        files = [*getattr(self.images, "files", ())]
+        for _, first, table in self.parts:
+            for path in first.values():
+                files += table.files(path)
+        return files
 
     def content(self) -> str:
-        """Return a hash (12 hex digits) of attributes and frames.
+        """Return a hash (12 hex digits) of attributes, tables and frames.
 
-        Of files the names, sizes and times count, of arrays in memory the values.
+        Of files the names and the bytes count, of arrays in memory the values.
         """
-        stated = (
-            f"{self}{self.attributes.um_per_px}{self.attributes.timed}{[*self.numbers]}"
-            f"{[part.table for part in self.parts]}"
-        )
+        tables = [part.table for part in self.parts]
+        stated = f"{self}{self.attributes.stated}{[*self.numbers]}{tables}"
         digest = hashlib.sha256(stated.encode() + self.seen.tobytes())
         if not hasattr(self.images, "files"):
             for t in range(len(self)):
                 digest.update(self.gray(t).tobytes())
-        for path in self.files:
-            about = path.stat()
-            identity = (path.name, about.st_size, about.st_mtime_ns)
-            digest.update(repr(identity).encode())
+        for path in dict.fromkeys(self.files):
+            with path.open("rb") as file:
+                digest.update(path.name.encode())
+                digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()[:12]
 
 
@@ -380,7 +382,7 @@ def _put_together(
             kept = [k for k, number in enumerate(numbers) if least <= number <= most]
             images = PictureFiles([images.files[k] for k in kept], gray.key)
             numbers = [numbers[k] for k in kept]
-    parts = []
+    parts = [Part("gray", {}, gray)]
     for kind in ("coordinates", "labels"):
         if kind not in tables:
             continue
@@ -530,6 +532,6 @@ def _one_channel(
     check_shape(array, seen.shape, where)
     if not seen.all():
         array[~seen] = np.quantile(array[seen], 0.5, method="lower")
-    if not np.isfinite(array).all():
-        raise InputError(f"{where}: NaN or infinity. Mask such pixels.")
+    if array.dtype.kind == "f":
+        check_finite(array, where)
     return array

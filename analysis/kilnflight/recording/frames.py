@@ -123,7 +123,6 @@ class Attributes:
     flame_roi: tuple[int, int, int, int] | None = None
     depth_calibration: DepthCalibration | None = None
     notes: tuple[str, ...] = ()
-    # Hashes of older recordings are of a repr without these.
     um_per_px: float | None = field(default=None, repr=False)
     timed: bool = field(default=True, repr=False)
 
@@ -160,6 +159,12 @@ class Attributes:
         first, end = edges.reshape(2, 2).T
         fits = (first >= 0) & (first < end) & (end <= self.size)
         return bool(fits.all()) and not (edges % 1).any()
+
+    @property
+    def stated(self) -> str:
+        """All attributes; hashes of older recordings are of a text without the last."""
+        untimed = "" if self.timed else "without a rate"
+        return f"{self}{self.um_per_px or ''}{untimed}"
 
     @property
     def size(self) -> tuple[int, int]:

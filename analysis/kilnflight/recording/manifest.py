@@ -151,6 +151,14 @@ class FileTable:
                 raise _unusable(f"{where}{key}", given.get(key))
         return table
 
+    def files(self, path: Path) -> list[Path]:
+        """Return the files of a frame, of which ``path`` is the first."""
+        if self.form != "masks":
+            return [path]
+        first, *_ = self.classes
+        parts = str(path).rsplit(first, 1)
+        return [Path(name.join(parts)) for name in self.classes]
+
     def of_subset(self, name: str) -> Self:
         """Return the table of one subset, for patterns with `SUBSET`."""
         return replace(self, pattern=self.pattern.replace(SUBSET, name))
@@ -256,9 +264,8 @@ class FileTable:
     def _merged(self, path: Path, size: tuple[int, ...]) -> Picture:
         """Return the classes of the pixels that masks show; ``path`` is the first's."""
         image = np.zeros(size, np.uint8)
-        first, *_ = self.classes
-        for name, ours in self.classes.items():
-            file = Path(name.join(str(path).rsplit(first, 1)))
+        both = zip(self.files(path), self.classes.values(), strict=True)
+        for file, ours in both:
             image[self._rows_first(read_array(file, self.key), size, file) > 0] = ours
         return image
 

@@ -72,6 +72,23 @@ class Layers(PictureFiles):
         return read_layers(self.files[0], self.key)[..., t]
 
 
+@dataclass(frozen=True)
+class Slabs(PictureFiles):
+    """Pictures that lie in one HDF5 file as (n, rows, cols), read one by one."""
+
+    array: Any = None
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    def __getitem__(self, t: int) -> Anything:
+        """Return the picture of frame ``t``."""
+        try:
+            return self.array[t]
+        except OSError as error:
+            raise InputError(f"{self.files[0]}, frame {t}: is damaged.") from error
+
+
 class Pages(PictureFiles):
     """Pages of several files; a file stands once for each of its pages."""
 
@@ -169,7 +186,9 @@ def open_images(
         if path.suffix.lower() in FILMS:
             film = Film(path)
             return film, film.numbers, film.facts
-        stack = read_stack(path, key)
+        stack: Any = read_stack(path, key)
+        if isinstance(stack, h5py.Dataset):
+            stack = Slabs([path], key, stack)
         return stack, range(len(stack)), _stated(path)[0]
     files = number_files(pattern, folder)
     paths = [*files.values()]
@@ -216,6 +235,21 @@ def _stated(path: Path) -> tuple[Facts, str]:
     return facts, page.description
 
 
+def _split(pattern: str, folder: Path) -> tuple[Path, str]:
+    """Return the folders of a pattern that exist, which are none, and the rest."""
+    place = folder / pattern
+    while not place.is_dir():
+        place = place.parent
+    return place, str((folder / pattern).relative_to(place))
+
+
+def _names(pattern: str, place: Path) -> list[str]:
+    """Return the names that fit a pattern; a file that exists is none."""
+    if (place / pattern).is_file():
+        return [pattern]
+    return glob.glob(pattern, root_dir=place)
+
+
 def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     """Find the files of a folder or pattern by the number of their frame, in order.
 
@@ -224,10 +258,11 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     InputError
         If there is none, or the numbers do not ascend.
     """
-    text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(pattern)))
+    place, rest = _split(pattern, folder)
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", rest)
     endings: tuple[str, ...] = ("",)
-    if (folder / pattern).is_dir():
-        text += "/*"
+    if rest == ".":
+        text = "*"
         endings = PICTURES
     number = r"(?P<number>\d+)"
     form = rf"{number}[^\d/]*\.\w+$"  # the last number of the name
@@ -237,9 +272,9 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
         ordered_by = form
     files = dict[int, Path]()
     previous = -1
-    names = glob.glob(text.replace("FRAME", "*"), root_dir=folder)
+    names = _names(text.replace("FRAME", "*"), place)
     for name in sorted(names, key=lambda n: [*map(int, re.findall(ordered_by, n))]):
-        path = folder / name
+        path = place / name
         if not name.lower().endswith(endings) or not path.is_file():
             continue
         found = re.search(form, name)
@@ -259,23 +294,23 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
 
 def find_file(pattern: str, folder: Path) -> Path:
     """Find the one file of a pattern."""
-    names = glob.glob(pattern, root_dir=folder)
+    place, rest = _split(pattern, folder)
+    names = _names(rest, place)
     if len(names) != 1:
         raise InputError(
             f"{folder / pattern}: {len(names)} files fit, but one holds all."
         )
-    return folder / names[0]
+    return place / names[0]
 
 
 def find_subsets(pattern: str, folder: Path) -> list[str]:
     """Find what stands for ``{subset}`` in the files of a pattern, in order."""
-    text = re.sub(r"\{frame[^}]*\}", "FRAME", pattern)
+    place, rest = _split(pattern, folder)
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", rest)
     form = re.escape(text).replace("FRAME", r"\d+")
     form = form.replace(re.escape("{subset}"), "(?P<subset>[^/]+?)", 1)
     form = form.replace(re.escape("{subset}"), "(?P=subset)").replace(r"\*", "[^/]*")
-    names = glob.glob(
-        text.replace("FRAME", "*").replace("{subset}", "*"), root_dir=folder
-    )
+    names = _names(text.replace("FRAME", "*").replace("{subset}", "*"), place)
     fitting = [re.fullmatch(form, Path(name).as_posix()) for name in names]
     found = sorted({match["subset"] for match in fitting if match})
     if not found:
@@ -285,7 +320,7 @@ def find_subsets(pattern: str, folder: Path) -> list[str]:
 
 def read_array(path: Path, key: Key = None, named: bool = True) -> Anything:
     """Read the array or picture in a file; parameters as for `read_stack`."""
-    array = read_stack(path, key, named)
+    array = np.asanyarray(read_stack(path, key, named))
     is_picture = path.suffix.lower() in PICTURES and len(array) == 1
     return array[0] if is_picture else array
 
@@ -315,7 +350,7 @@ def read_stack(path: Path, key: Key = None, named: bool = True) -> Anything:
     except Exception as error:  # libraries raise anything on damaged bytes
         text = getattr(error, "strerror", None) or " ".join(str(error).split())
         reason = text or "no content"
-        if not isinstance(error, InputError | OSError):
+        if not isinstance(error, InputError | OSError | MemoryError):
             reason += ". Is it cut off or damaged?"
         raise InputError(f"{path}: {reason}") from error
 
@@ -366,9 +401,8 @@ def _read(path: Path, key: Key, named: bool = True) -> Anything:
     if ending == ".mat" and not h5py.is_hdf5(path):
         return _choose(_read_mat(path), key)
     if ending in (".h5", ".hdf5", ".mat"):
-        with h5py.File(path) as file:
-            array = _choose(file, key)
-        return array.T if ending == ".mat" else array
+        array = _choose(h5py.File(path), key)  # open as long as the array is
+        return np.transpose(array) if ending == ".mat" else array
     raise InputError("this kind of file is not known. Convert it.")
 
 
@@ -435,11 +469,21 @@ def _choose(content: Any, key: Any) -> Anything:
             f"it holds {', '.join(names)}{missing}. Name an array: key in a manifest."
         )
     _check_size(chosen.shape)
-    if isinstance(chosen, h5py.Dataset) and (
-        chosen.is_virtual or chosen.external or chosen.file != content
-    ):
-        raise InputError("its values lie in another file. Copy them into this one.")
-    return np.atleast_1d(chosen)
+    if isinstance(chosen, h5py.Dataset):
+        if chosen.is_virtual or chosen.external or chosen.file != content:
+            raise InputError("its values lie in another file. Copy them into this one.")
+        _check_written(chosen)
+    return chosen if chosen.ndim else np.atleast_1d(chosen)
+
+
+def _check_written(array: h5py.Dataset) -> None:
+    """Raise an `InputError` if a part was never written: it would be read as black."""
+    lost = array.size and not array.id.get_storage_size()
+    if array.chunks:
+        grid = -(-np.array(array.shape) // array.chunks)
+        lost = array.id.get_num_chunks() < np.prod(grid)
+    if lost:
+        raise InputError(f"parts of {array.name} were never written. Write them.")
 
 
 def _check_size(shape: Sequence[int]) -> None:

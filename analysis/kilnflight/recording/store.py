@@ -37,7 +37,7 @@ from kilnflight.recording.frames import (
     Recording,
     check_position,
 )
-from kilnflight.store.cache import clear_parts, locked, make_whole
+from kilnflight.store.cache import clear_parts, hidden, locked, make_whole
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 POINTS_PER_CHUNK = 65_536
@@ -132,8 +132,7 @@ class StoredRecording:
         InputError
             If the recording was changed after it was written.
         """
-        stated = f"{self.attributes}{self.attributes.um_per_px or ''}"
-        digest = hashlib.sha256(stated.encode())
+        digest = hashlib.sha256(self.attributes.stated.encode())
         for values in self.per_frame.values():
             digest.update(values.tobytes())
         for name in KINDS:  # a missing chunk is reported when it is read
@@ -192,10 +191,9 @@ def open_recording(path: Path | str) -> StoredRecording:
             name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()
         }
         arrays = {name: group[name] for name in KINDS}
-        for name, array in arrays.items():
-            shape = (len(per_frame["index"]), *_size_of(name, attributes))
-            if array.shape != shape or array.dtype != KINDS[name]:
-                raise InputError(f"its {name} is not as stated in size or type")
+        for name, right in _create({}, attributes, len(per_frame["index"])).items():
+            if group[name].metadata != right.metadata:
+                raise InputError(f"its {name} is not as stated in size or layout")
         return StoredRecording(
             path=path,
             attributes=attributes,
@@ -253,7 +251,7 @@ def write_recording(
     if frames is None:
         frames = range(len(recording))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with locked(path.with_name(f".{path.name}.lock")):  # another process waits
+    with locked(path.with_name(f"{hidden(path)}lock")):  # another process waits
         if path.exists() or not frames or frames[0] < 0 or frames[-1] >= len(recording):
             raise InputError(
                 f"{path}: exists already, or the recording has no such frames."
@@ -272,7 +270,7 @@ def _write(
     """Write a recording to a new folder; arguments as for `write_recording`."""
     where = f"recording {recording.attributes.name}"
     rows = []
-    group, arrays = _create(folder, recording.attributes, len(frames))
+    arrays = _create(folder, recording.attributes, len(frames))
     # disable=None shows a bar in a terminal and nothing in logs and notebooks.
     for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
         frame = recording.frame(t)
@@ -287,11 +285,12 @@ def _write(
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
     for name, kind in PER_FRAME.items():
-        group.create_array(name, data=table[name].to_numpy(kind))
+        arrays[name][:] = table[name].to_numpy(kind)
     for name, rows_of_truth in truth.items():
         (folder / "truth").mkdir(exist_ok=True)
         rows_of_truth.to_parquet(folder / "truth" / f"{name}.parquet")
     again = sum(table["picture"].diff() == 0)
+    group = zarr.open_group(folder)
     if again:
         group.attrs["notes"] = [
             *recording.attributes.notes,
@@ -309,12 +308,15 @@ def _size_of(name: str, attributes: Attributes) -> tuple[int, int]:
 
 
 def _create(
-    folder: Path, attributes: Attributes, length: int
-) -> tuple[Any, dict[str, Any]]:
-    """Return a new, empty group and its arrays."""
+    store: Any, attributes: Attributes, length: int
+) -> dict[str, zarr.Array[Any]]:
+    """Return the arrays of a new, empty group."""
     stated = {"format": FORMAT, **asdict(attributes)}
-    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=stated)
-    arrays = {}
+    group = zarr.open_group(store, mode="w", zarr_format=3, attributes=stated)
+    arrays = {
+        name: group.create_array(name, shape=(length,), dtype=kind)
+        for name, kind in PER_FRAME.items()
+    }
     for name, kind in KINDS.items():
         rows, columns = _size_of(name, attributes)
         arrays[name] = group.create_array(
@@ -325,4 +327,4 @@ def _create(
             compressors=ZstdCodec(level=1, checksum=True),
             config={"write_empty_chunks": True},  # a chunk without a file is damage
         )
-    return group, arrays
+    return arrays

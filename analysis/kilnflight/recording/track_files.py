@@ -40,7 +40,7 @@ SPOT_LINES = f"{SPOT_NAMES}{SPOT_NAMES},,,,(pixel),(pixel),(pixel)\n"
 
 def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
     """Raise an `InputError` unless a table can get this name and is not the source."""
-    there = path.parent.is_dir() and not path.match("/dev/*")
+    there = path.parent.is_dir() and path.absolute().parts[1] not in ("dev", "proc")
     known = path.suffix in ENDINGS.get(form, ("", ".csv"))
     if not (there and known) or path.resolve() == source.resolve():
         raise InputError(
@@ -119,7 +119,10 @@ def read_table(path: Path) -> DataFrame:
     [7.5, 9.5]
     """
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else read_text(path)
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path, page_checksum_verification=True)
+        else:
+            table = read_text(path)
     except Exception as error:  # libraries raise anything on damaged bytes
         raise InputError(
             f"{path}: cannot be read ({error}). Give frame, row, col."
@@ -160,7 +163,7 @@ def write_table(table: DataFrame, path: Path, form: str = "csv") -> None:
     if form != "csv":
         content = _exported(table, form).encode()
     elif path.suffix == ".parquet":
-        content = table.to_parquet()
+        content = table.to_parquet(write_page_checksum=True)
     else:
         content = csv_of(table).encode()
     write_whole(path, content)

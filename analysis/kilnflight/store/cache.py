@@ -2,13 +2,16 @@
 
 The name of a cached table holds a hash of its arguments and of the code that makes it
 (`code_hash`), so a change of either gives another file. Among the arguments of a later
-step are the names of its input tables. ``make clean`` removes old files.
+step are the names of its input tables. Beside it stands the hash of its bytes.
+``make clean`` removes old files.
 """
 
 from __future__ import annotations
 
 import fcntl
+import glob
 import hashlib
+import io
 import json
 import os
 import re
@@ -56,15 +59,23 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
         if path.exists() and not path.is_file() and not path.is_dir():
             write(path)
             return
-        with TemporaryDirectory(".part", f".{path.name}.", path.parent) as folder:
+        with TemporaryDirectory(".part", hidden(path), path.parent) as folder:
             part = Path(folder, path.name)
             write(part)
             if part.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
+            else:
+                with part.open("rb") as file:
+                    os.fsync(file.fileno())  # else a power cut leaves an empty file
             part.replace(path)
     except (OSError, RuntimeError) as error:  # links in a circle: RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written ({reason}). {AGAIN}") from error
+
+
+def hidden(path: Path) -> str:
+    """Return how the names of hidden files of a path begin: in 52 signs at most."""
+    return f".{path.name[-50:]}."
 
 
 def clear_parts(path: Path) -> None:
@@ -72,7 +83,7 @@ def clear_parts(path: Path) -> None:
 
     Call it only while its writers are `locked` out; a running one would lose its file.
     """
-    for part in path.parent.glob(f".{path.name}.*.part"):
+    for part in path.parent.glob(f"{glob.escape(hidden(path))}*.part"):
         shutil.rmtree(part, ignore_errors=True)
 
 
@@ -189,20 +200,21 @@ class CachedTable:
             If the file cannot be written or read.
         """
         import pandas as pd
-        from pyarrow import ArrowException
 
         path = self.path
+        stated = path.with_suffix(".sha256")
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
             if not path.is_file():
-                clear_parts(path)
-                write_whole(path, self.make().to_parquet(index=False))
-        try:
-            return pd.read_parquet(path)
-        except (OSError, ArrowException) as error:
-            raise InputError(
-                f"{path}: cannot be read ({error}). Delete it to continue."
-            ) from error
+                clear_parts(path.with_suffix(""))
+                made = self.make().to_parquet(index=False)
+                write_whole(stated, hashlib.sha256(made).digest())
+                write_whole(path, made)
+            content = path.read_bytes()
+            whole = stated.is_file() and stated.read_bytes()
+        if hashlib.sha256(content).digest() != whole:
+            raise InputError(f"{path}: is damaged. Delete it to continue.")
+        return pd.read_parquet(io.BytesIO(content))
 
 
 def cached(*depends_on: str) -> Callable[[Callable[[Any], pd.DataFrame]], property]:

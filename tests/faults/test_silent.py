@@ -1,0 +1,291 @@
+"""What looks right and is not: it is refused, or read as it is.
+
+One test for each kind: corrected manifests, values that were never written, results of
+others, flipped bits, names with brackets.
+"""
+
+import json
+import os
+from dataclasses import fields, replace
+
+import cv2
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+import kilnflight
+from kilnflight.__main__ import main
+from kilnflight.checks import InputError
+from kilnflight.recording.files import open_any
+from kilnflight.recording.frames import Attributes
+from kilnflight.recording.manifest import FileTable
+from kilnflight.recording.store import open_recording, write_recording
+from kilnflight.store.cache import CachedTable
+
+NOISE = np.random.default_rng(3).integers(40, 60, (5, 24, 32)).astype(np.uint8)
+MOVED = NOISE.copy()
+for t in range(5):
+    MOVED[t, 10:14, 4 + 3 * t : 8 + 3 * t] = 250
+MANIFEST = """
+name = "a"
+frame_rate_hz = 330.0
+[gray]
+pattern = "gray/{frame}.png"
+[labels]
+pattern = "labels/{frame}-{class}.png"
+form = "masks"
+classes = { b = 2, c = 3 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def pictures(folder, film=MOVED):
+    folder.mkdir()
+    for t, picture in enumerate(film):
+        cv2.imwrite(str(folder / f"a_{t}.png"), picture)
+    return folder
+
+
+def manifest(folder):
+    for part in ("gray", "labels"):
+        (folder / part).mkdir()
+    for t in range(3):
+        cv2.imwrite(str(folder / f"gray/{t}.png"), MOVED[t])
+        for name in "bc":
+            cv2.imwrite(str(folder / f"labels/{t}-{name}.png"), MOVED[t] // 200)
+    path = folder / "film.toml"
+    path.write_text(MANIFEST)
+    return path
+
+
+def another(value):
+    """Return another value of a field than the one that it has."""
+    if isinstance(value, dict):
+        return value | {"d": 4}
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    return {None: 7.5, (): ("told",)}.get(value, f"{value}x")
+
+
+@pytest.mark.parametrize("of", [FileTable("a"), Attributes("a", 1.0, 24, 32)])
+def test_every_entry_changes_the_key_of_a_recording(folder, of):
+    """A field that is added later, too."""
+    recording = open_any(manifest(folder))
+    known = {recording.content()}
+    for field in fields(of):
+        value = getattr(of, field.name)
+        if isinstance(of, Attributes):
+            changed = object.__new__(Attributes)
+            vars(changed).update(vars(of), **{field.name: another(value)})
+            other = replace(recording, attributes=changed)
+        else:
+            table = replace(of, **{field.name: another(value)})
+            parts = [recording.parts[0]._replace(table=table), *recording.parts[1:]]
+            other = replace(recording, parts=parts)
+        known.add(other.content())
+    assert len(known) == 1 + len(fields(of))
+
+
+@pytest.mark.parametrize("name", ["gray/1.png", "labels/1-b.png", "labels/2-c.png"])
+def test_contents_of_files_count_and_their_times_do_not(folder, name):
+    path = manifest(folder)
+    before = open_any(path).content()
+    changed = folder / name
+    os.utime(changed, (1, 1))
+    assert open_any(path).content() == before
+    about = changed.stat()
+    content = bytearray(changed.read_bytes())
+    content[-1] ^= 1
+    changed.write_bytes(content)
+    os.utime(changed, ns=(about.st_atime_ns, about.st_mtime_ns))
+    assert open_any(path).content() != before
+
+
+@pytest.mark.parametrize("chunks", [(1, 24, 32), (2, 12, 32), None])
+def test_what_was_never_written_is_not_black(folder, chunks):
+    for name, written in (("whole.h5", 5), ("half.h5", 3 if chunks else 0)):
+        with h5py.File(name, "w") as file:
+            film = file.create_dataset("film", NOISE.shape, NOISE.dtype, chunks=chunks)
+            if written:
+                film[:written] = NOISE[:written]
+    np.testing.assert_array_equal(open_any("whole.h5").gray(4), NOISE[4])
+    with pytest.raises(InputError, match=r"half\.h5"):
+        open_any("half.h5")
+
+
+def test_a_damaged_part_of_an_hdf5_film_is_named(folder):
+    with h5py.File("a.h5", "w") as file:
+        options = {"chunks": (1, 24, 32), "fletcher32": True}
+        place = file.create_dataset("film", data=NOISE, **options).id.get_chunk_info(3)
+    content = bytearray((folder / "a.h5").read_bytes())
+    content[place.byte_offset] ^= 1
+    (folder / "a.h5").write_bytes(content)
+    film = open_any("a.h5")
+    np.testing.assert_array_equal(film.gray(2), NOISE[2])
+    with pytest.raises(InputError, match=r"a\.h5"):
+        film.gray(3)
+
+
+@pytest.mark.parametrize(
+    "name", ["summary.csv", "tracks.parquet", "detections.png", "flights.parquet"]
+)
+def test_files_that_no_run_wrote_are_kept(folder, name):
+    (folder / name).write_text("mine")
+    with pytest.raises(InputError, match=name):
+        kilnflight.run(MOVED, folder)
+    assert (folder / name).read_text() == "mine"
+    assert [path.name for path in folder.iterdir()] == [name]
+
+
+def test_a_picture_of_a_run_is_not_run_into_its_folder(folder):
+    kilnflight.run(MOVED, "self")
+    before = (folder / "self/detections.png").read_bytes()
+    with pytest.raises(InputError):
+        kilnflight.run("self/detections.png", "self")
+    assert (folder / "self/detections.png").read_bytes() == before
+
+
+def test_a_folder_holds_the_run_of_one_film(folder):
+    for name, film in (("a.zarr", MOVED), ("b.zarr", MOVED[::-1])):
+        write_recording(open_any(film), name)
+    kilnflight.run("a.zarr", "results")
+    (folder / "results/slices.parquet").write_bytes(b"of an earlier run")
+    (folder / "results/mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="results"):
+        kilnflight.run("b.zarr", "results")
+    kilnflight.run("a.zarr", "results", background="none")
+    assert not (folder / "results/slices.parquet").exists()
+    assert (folder / "results/mine.txt").exists()
+
+
+def test_a_flipped_bit_of_a_table_is_noticed(tmp_path):
+    rng = np.random.default_rng(0)
+    made = pd.DataFrame({"row": rng.normal(size=50), "n": np.arange(50), "case": "x"})
+    table = CachedTable("a", lambda: made, {}, tmp_path)
+    table()
+    whole = table.path.read_bytes()
+    for bit in rng.integers(0, 8 * len(whole), 400):
+        content = bytearray(whole)
+        content[bit // 8] ^= 1 << bit % 8
+        table.path.write_bytes(content)
+        with pytest.raises(InputError, match=table.path.name):
+            table()
+
+
+def test_a_flipped_bit_of_the_values_of_a_result_is_noticed(tmp_path):
+    rng = np.random.default_rng(0)
+    tracks = pd.DataFrame({"frame": np.arange(900), "row": 1.0, "col": rng.random(900)})
+    path = tmp_path / "tracks.parquet"
+    kilnflight.write_table(tracks, path)
+    whole = path.read_bytes()
+    refused = 0
+    for bit in rng.integers(0, 8 * len(whole) * 3 // 4, 40):  # names follow the values
+        content = bytearray(whole)
+        content[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(content)
+        try:
+            pd.testing.assert_frame_equal(kilnflight.read_table(path), tracks)
+        except InputError:
+            refused += 1
+    assert refused > 30
+
+
+EDITS = {
+    "separator": lambda told: told["chunk_key_encoding"]["configuration"].update(
+        separator="."
+    ),
+    "order of bytes": lambda told: told["codecs"][0]["configuration"].update(
+        endian="big"
+    ),
+    "order of axes": lambda told: told["codecs"].insert(
+        0, {"name": "transpose", "configuration": {"order": [0, 2, 1]}}
+    ),
+    "value of what is not there": lambda told: told.update(fill_value=7),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+@pytest.mark.parametrize("name", ["gray", "xyz"])
+def test_edited_metadata_are_refused_on_opening(folder, edit, name):
+    write_recording(open_any(NOISE), "a.zarr")
+    path = folder / "a.zarr" / name / "zarr.json"
+    told = json.loads(path.read_text())
+    EDITS[edit](told)
+    path.write_text(json.dumps(told))
+    with pytest.raises(InputError, match=name):
+        open_recording("a.zarr")
+
+
+@pytest.mark.parametrize("name", ["film [1]", "a?b", "c*", "{frame}", "d[!e]"])
+def test_a_path_that_exists_is_no_pattern(folder, name):
+    pictures(folder / name)
+    pictures(folder / "film 1", NOISE)  # what some would fit as patterns
+    np.save(folder / f"{name}.npy", MOVED)
+    tables = manifest(folder / name)
+    for path in (name, folder / name, f"{name}/a_*.png", f"{name}/a_{{frame}}.png"):
+        np.testing.assert_array_equal(open_any(path).gray(2), MOVED[2])
+    assert len(open_any(f"{name}.npy")) == 5
+    assert len(open_any(tables).labelled) == 3
+    stored = write_recording(open_any(name), f"{name}.zarr")
+    assert len(stored) == 5
+
+
+@pytest.mark.parametrize("value", [1e306, -1e160, np.inf])
+def test_a_value_beside_which_all_others_vanish_is_named(value):
+    film = NOISE / 7.0
+    film[3, 4, 5] = value
+    with pytest.raises(InputError, match=rf"frame 3.*{value:g}".replace("+", ".")):
+        open_any(film)
+
+
+@pytest.mark.parametrize("place", ["/dev/fd/1", "/proc/self/fd/1", "/dev/null"])
+def test_nothing_is_written_below_dev(folder, place, capsys):
+    pd.DataFrame({"frame": [0, 1], "row": 1.0, "col": 2.0}).to_csv("d.csv")
+    with pytest.raises(SystemExit):
+        main(["track", "d.csv", place])
+
+
+def test_an_import_does_not_write_into_its_source(folder, monkeypatch, capsys):
+    pictures(folder / "frames")
+    monkeypatch.chdir("frames")
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(SystemExit):
+        main(["import", "."])
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("letters", [200, 244, 250, 255])
+def test_a_long_name_can_be_written(folder, letters):
+    tracks = pd.DataFrame({"frame": [0, 1], "particle": 0, "row": 1.0, "col": 2.0})
+    path = folder / f"{'n' * (letters - 4)}.csv"
+    kilnflight.write_table(tracks, path)
+    pd.testing.assert_frame_equal(kilnflight.read_table(path), tracks)
+    assert [each.name for each in folder.iterdir()] == [path.name]
+    name = "n" * letters
+    assert len(write_recording(open_any(NOISE), name)) == 5
+    kilnflight.run(MOVED, f"m{name[1:]}")
+
+
+@pytest.mark.filterwarnings("ignore")  # three detections are few
+def test_a_column_of_the_user_is_not_replaced():
+    table = pd.DataFrame({"frame": [0, 10, 20], "row": 1.0, "col": 2.0})
+    assert kilnflight.track(table)["number"].tolist() == [0, 10, 20]
+    with pytest.raises(InputError, match="number"):
+        kilnflight.track(table.assign(number=7))
+
+
+@pytest.mark.parametrize("word", ["no", "False", 0.0, 2])
+def test_a_word_or_number_is_no_yes(word):
+    table = pd.DataFrame({"frame": [0, 1], "row": 1.0, "col": 2.0})
+    with pytest.raises(InputError):
+        kilnflight.track(table, post_processing=word)
+    with pytest.raises(InputError):
+        kilnflight.detect(MOVED, dark=word)
