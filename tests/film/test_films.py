@@ -71,7 +71,7 @@ def rates(truth, found):
 def test_particles_of_other_kinds_are_found_or_warned_about(name):
     given, options, least, said = KINDS[name]
     pictures, truth = film(**{"frames": 12, "cells": (3, 4)} | given)
-    if name in (*WARNED, "discs"):  # of discs half the spots go at twice the threshold
+    if name in WARNED:
         with pytest.warns(UserWarning, match=said):
             found = kilnflight.detect(pictures, **options)
     else:

@@ -73,6 +73,7 @@ TRIED = 150  # frames at the start, and rows and columns, that settings are trie
 MIDDLE_PX = (512, 768)
 MOST_PX = 4_200_000  # of a picture that is enlarged four times
 NARROW_PX = 3.2  # enlarged radius; below it some simulated spots are missed
+PLAIN = 1.25  # times its noise over a median, a ground has no texture
 FEW = 10  # spots that tell nothing
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 LEAST_SHAKEN = 15  # frames and px; in a shorter film slow particles look like shaking
@@ -222,6 +223,9 @@ def choose_background(
     every = looks.count("none", times)
     if every > 1.25 * moving + FEW:
         return "median", RESTING.format(every - moving, every)
+    plain, cleared = (looks.threshold(each, times) for each in ("none", "median"))
+    if min(moving, every) > FEW and plain <= PLAIN * cleared:
+        return "none", "the ground is plain"
     return "median", "most moves"
 
 
@@ -324,9 +328,10 @@ def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
         if shake > SHAKEN_PX:
             yield "warning", SHAKEN.format(shake)
     by_area = Otsu(area_threshold(seen))
-    area = _median_radius([*map(by_area, looks.foregrounds(background))])
+    areas = [*map(by_area, looks.foregrounds(background))]
+    area = _median_radius(areas)
     spot = _median_radius(looks.spots(background, enlarge))
-    if area > 1.5 * spot:
+    if sum(map(len, areas)) > FEW and area > 1.5 * spot:
         yield "warning", LONG.format(area, spot)
 
 

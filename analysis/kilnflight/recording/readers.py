@@ -527,12 +527,14 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
     tif.filehandle.seek(tif.pages.next_page_offset or 0)
     if empty or tif.filehandle.read(4) != bytes(4):
         raise ValueError("it ends within its pages")
+    page = tif.pages.first
+    if "\0" in page.description:  # it may state the number of frames
+        raise ValueError("its description holds zeros")
     series = tif.series[0]
     if series.kind == "ome" and None in [*series]:  # tifffile would read 0
         lost = {*re.findall(r'FileName="([^"]+)', f"{tif.ome_metadata}")}
         lost -= {*os.listdir(tif.filehandle.dirname)}
         raise InputError(f"pages of its set are missing: {', '.join(sorted(lost))}")
-    page = tif.pages.first
     _check_size(page.shape[:2])
     axes = {axis for axis, n in zip(series.axes, series.shape, strict=True) if n > 1}
     if not axes & set("TIQ"):
