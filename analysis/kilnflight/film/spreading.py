@@ -142,9 +142,9 @@ def fit_spreading(displacements: DataFrame, lags: int = 10) -> Spreading:
     >>> round(fit.diffusion, 6), round(fit.exponent, 6)
     (0.5, 1.0)
     """
-    most = check_number(lags, "diffusion: lags", least=3, whole=True)
+    most = check_number(lags, "fit_spreading: lags", least=3, whole=True)
     first = SQUARES.check(displacements).head(most)
-    check_number(len(first), "diffusion: number of lags", least=3)
+    check_number(len(first), "fit_spreading: number of lags", least=3)
     lag, square, error = first.to_numpy(float).T
     error = np.maximum(error, LEAST_PX2)
     # The line is a sum of the squares; their errors go together, as lags share steps.
