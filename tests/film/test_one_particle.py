@@ -65,3 +65,15 @@ def test_steps_that_differ_by_rounding_are_drawn(tmp_path):
     recording = kilnflight.open(np.zeros((40, 20, 20), np.uint8))
     drawn = dict(kilnflight.film.pictures.pictures(recording, tables, frame))
     assert len(drawn) == 4
+
+
+@pytest.mark.parametrize("turn", ["wall", "stop"])
+def test_a_lone_particle_that_turns_or_stops_is_one_track(turn):
+    frame = np.arange(60)
+    col = np.minimum(frame, 30) * 3.0
+    if turn == "wall":
+        col = 20.0 + np.where(frame < 30, 2 * frame, 118 - 2 * frame)
+    rng = np.random.default_rng(0)
+    row, col = np.array([frame * 0.5, col]) + rng.normal(0, 0.05, (2, 60))
+    tracks = kilnflight.track(pd.DataFrame({"frame": frame, "row": row, "col": col}))
+    assert len({*tracks["particle"]}) == 1

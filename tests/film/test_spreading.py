@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from tests.definitions.films import film
 
+import kilnflight
 from kilnflight.checks import InputError
 from kilnflight.film.doubts import doubtful_links
 from kilnflight.film.motion import motion_of
@@ -184,3 +186,15 @@ def test_lags_are_counted(lags):
     assert fit_spreading(displacements, 99) == fit_spreading(displacements, 10.0)
     with pytest.raises(InputError, match="lags"):
         fit_spreading(displacements, lags)
+
+
+def test_diffusion_of_a_film_is_that_of_its_walks():
+    """A median over slow particles would push their positions away from its own."""
+    pictures, truth = film(
+        diffusion=0.1, frames=60, drift=(0.0, 0.0), pitch=32, noise=3.0
+    )
+    tracks = kilnflight.track(kilnflight.detect(pictures))
+    right, found = (
+        fit_spreading(square_displacements(each)).diffusion for each in (truth, tracks)
+    )
+    assert found == pytest.approx(right, rel=0.05)

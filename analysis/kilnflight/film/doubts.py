@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from pandas import DataFrame
-from scipy.spatial import KDTree
 
+from kilnflight.film.motion import neighbour_px
 from kilnflight.film.report import Tables
 from kilnflight.film.spreading import followed, speeds
 from kilnflight.flight import kept
@@ -65,18 +65,3 @@ def doubtful_links(tracks: DataFrame) -> Iterator[str]:
     if step > apart / 2:
         between = f"{apart:.1f} px between neighbours"
         yield f"Steps of {step:.1f} px exceed half of {between}. {FASTER}"
-
-
-def neighbour_px(detections: DataFrame) -> float:
-    """Return the median distance of nearest neighbours in 30 frames.
-
-    It is infinite where no frame has two detections.
-    """
-    places = [
-        at.to_numpy(float) for _, at in detections.groupby("frame")[["row", "col"]]
-    ]
-    some = [each for each in places[:: 1 + len(places) // 30] if len(each) > 1]
-    if not some:
-        return np.inf
-    apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
-    return np.median(np.concatenate(apart))

@@ -22,6 +22,7 @@ NEAR_PX = 2.0  # differences of positions that count as one step
 PAIRS = 60  # pairs of consecutive pictures; more take longer and change nothing
 OF_90_PERCENT = 2.15  # standard deviations, of a distance in two dimensions
 OF_99_PERCENT = 3.03
+FAR = 4.0  # times a change of step, neighbours are not mistaken; choice
 LEAST_PX = 0.1  # no spread is taken smaller
 NONE = np.empty((0, 2))
 
@@ -47,8 +48,8 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     if max_step is not None:
         limit = check_number(max_step, "max_step", above=0)
     places = {each.frame: each.positions for each in read_detections(detections)}
-    starts = np.array([t for t in sorted(places) if t + 1 in places], int)
-    starts = starts[:: 1 + len(starts) // PAIRS]
+    every = np.array([t for t in sorted(places) if t + 1 in places], int)
+    starts = every[:: 1 + len(every) // PAIRS]
     reach = min(REACH * _width(places), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
     steps, changes = _links(places, starts, flow, limit)
@@ -69,6 +70,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     velocity = tuple(flow.round(2).tolist())
     if not inert:
         return Wandering(velocity, (_place_error(first), 1e-3), first)
+    change = max(change, _largest_turn(places, every, flow, neighbour_px(detections)))
     change = min(_rounded(change), first)
     return Motion(velocity, (_place_error(change), first), change)
 
@@ -76,6 +78,21 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
 def _place_error(noise: float) -> float:
     """Return the standard deviation of a first position in px, for a motion's noise."""
     return max(noise / 4, 0.3)
+
+
+def neighbour_px(detections: DataFrame) -> float:
+    """Return the median distance of nearest neighbours in 30 frames.
+
+    It is infinite where no frame has two detections.
+    """
+    places = [
+        at.to_numpy(float) for _, at in detections.groupby("frame")[["row", "col"]]
+    ]
+    some = [each for each in places[:: 1 + len(places) // 30] if len(each) > 1]
+    if not some:
+        return np.inf
+    apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
+    return np.median(np.concatenate(apart))
 
 
 def _width(places: Mapping[int, Array]) -> float:
@@ -104,6 +121,21 @@ def _links(
         _, one, other = np.intersect1d(k, j, return_indices=True)
         changes.append(after[n[other]] - middle[j[other]] - first[one])
     return np.concatenate(steps), np.concatenate(changes)
+
+
+def _largest_turn(
+    places: Mapping[int, Array], starts: Integers, flow: Array, between: float
+) -> float:
+    """Return the spread of steps that a bouncing particle needs; 0 where it is crowded.
+
+    ``between`` is the distance of neighbours in px. Where they are so far apart, the
+    largest change of a step is no false link.
+    """
+    _, changes = _links(places, starts, flow, between / FAR)
+    largest = np.hypot(*changes.T).max(initial=0.0)
+    if FAR * largest > between:
+        return 0.0
+    return largest / OF_99_PERCENT
 
 
 def _rounded(spread: float) -> float:
