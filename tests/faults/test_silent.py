@@ -6,6 +6,7 @@ others, flipped bits, names with brackets.
 
 import json
 import os
+import tracemalloc
 from dataclasses import fields, replace
 
 import cv2
@@ -17,6 +18,7 @@ import pytest
 import kilnflight
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
+from kilnflight.recording import files
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Attributes
 from kilnflight.recording.manifest import FileTable
@@ -289,3 +291,28 @@ def test_a_word_or_number_is_no_yes(word):
         kilnflight.track(table, post_processing=word)
     with pytest.raises(InputError):
         kilnflight.detect(MOVED, dark=word)
+
+
+def test_an_hdf5_film_is_read_frame_by_frame(folder):
+    film = np.random.default_rng(0).integers(0, 255, (200, 64, 64), dtype=np.uint8)
+    with h5py.File("long.h5", "w") as file:
+        file.create_dataset("film", data=film, chunks=(1, 64, 64))
+    tracemalloc.start()
+    try:
+        np.testing.assert_array_equal(open_any("long.h5").gray(150), film[150])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < film.nbytes / 4
+
+
+def test_no_memory_is_told_in_one_line(folder, monkeypatch, capsys):
+    def none_left(*_, **__):
+        raise MemoryError
+
+    np.save("a.npy", MOVED)
+    monkeypatch.setattr(files, "_recording", none_left)
+    with pytest.raises(SystemExit):
+        main(["run", "a.npy"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "memory" in line
