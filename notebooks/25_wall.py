@@ -226,6 +226,7 @@ def count_in_air(score, truth_in_air, detected_in_air):
     return {"tp": tp, "fp": fp, "fn": fn}
 
 
+# %%
 def count_frame(spots, particles, subset, frame, limit):
     """Return the counts of a frame with a limit of the distance from the axis in mm."""
     found = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
