@@ -73,6 +73,7 @@ TRIED = 150  # frames at the start, and rows and columns, that settings are trie
 MIDDLE_PX = (512, 768)
 MOST_PX = 4_200_000  # of a picture that is enlarged four times
 NARROW_PX = 3.2  # enlarged radius; below it some simulated spots are missed
+LOOKS = 5  # frames, spread over those
 PLAIN = 1.25  # times its noise over a median, a ground has no texture
 FEW = 10  # spots that tell nothing
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
@@ -83,7 +84,7 @@ Told = Iterator[tuple[str, str]]  # what a row is, and its text
 
 
 class Looks:
-    """Five frames as they look over each background; each look is made once.
+    """`LOOKS` frames as they look over each background; each look is made once.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ class Looks:
 
     def _foregrounds(self, background: str) -> list[Single]:
         """Return the foregrounds (rows, cols) in the median's first window."""
-        frames = spread(min(len(self.seen), TRIED), 5)
+        frames = spread(min(len(self.seen), TRIED), LOOKS)
         views = chain.views(self.seen, frames, BACKGROUNDS[background])
         return [view.foreground for _, view in views]
 
@@ -215,7 +216,7 @@ def choose_background(
     if deep:
         return "median", "as in the thesis"
     times = 2
-    if looks.count("none", times) < FEW:  # they may be small
+    if looks.count("none", 4) > 2 * looks.count("none", times):  # they are small
         times = 4
     if more_rests(looks.spots("median", times), looks.spots("none", times)):
         return "none", "most rests"
@@ -224,7 +225,7 @@ def choose_background(
     if every > 1.25 * moving + FEW:
         return "median", RESTING.format(every - moving, every)
     plain, cleared = (looks.threshold(each, times) for each in ("none", "median"))
-    if min(moving, every) > FEW and plain <= PLAIN * cleared:
+    if min(moving, every) > LOOKS / 2 and plain <= PLAIN * cleared:
         return "none", "the ground is plain"
     return "median", "most moves"
 
