@@ -2,6 +2,7 @@
 allowed.
 """
 
+import warnings
 from functools import partial
 
 import numpy as np
@@ -151,8 +152,13 @@ def stored(path):
 
 
 def tracked(path):
-    """Return the tracks of a table in a file."""
-    return kilnflight.track(read_table(path), post_processing=False)
+    """Return the tracks of a table in a file; a doubt about its end is a refusal."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        table = read_table(path)
+    if said:
+        raise InputError(f"{said[0].message}")
+    return kilnflight.track(table, post_processing=False)
 
 
 FILES = {  # file or folder, what makes it, what reads it

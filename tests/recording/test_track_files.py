@@ -1,5 +1,6 @@
 """Tables as other programs read and write them."""
 
+import warnings
 from xml.etree import ElementTree
 
 import numpy as np
@@ -126,6 +127,7 @@ BOXES = (
 )
 
 
+@pytest.mark.filterwarnings("ignore:.*in micron")
 @pytest.mark.parametrize("text", [SPOTS, SIMPLE, BTRACK, BOXES])
 def test_tables_that_other_programs_wrote_are_read(text, tmp_path):
     (tmp_path / "a.txt").write_text(text)
@@ -136,11 +138,68 @@ def test_tables_that_other_programs_wrote_are_read(text, tmp_path):
     assert first == second != third
 
 
+@pytest.mark.parametrize("text", [SPOTS, SIMPLE])
+@pytest.mark.parametrize(
+    "unit", ["micron", "\u00b5m", "nm", "mm", "pixel", "pixels", ""]
+)
+def test_positions_that_are_no_pixels_are_said_once(text, unit, tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text(text.replace("micron", unit))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert read_table(path)["col"].tolist() == [5.25, 5.75, 50.0]
+    named = [unit in str(each.message) for each in said]
+    assert named == [True] * (unit in ("micron", "\u00b5m", "nm", "mm"))
+
+
+PLAIN = "frame,row,col,z\n0,1.5,2.5,\n1,2.5,3.5,7\n"
+
+
+def test_a_last_line_without_an_end_is_read_and_said_a_cut_one_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN)
+    whole = read_table(path)
+    path.write_text(PLAIN[:-1])
+    with pytest.warns(UserWarning, match=r"a\.csv"):
+        pd.testing.assert_frame_equal(read_table(path), whole)
+    for cut in (PLAIN[:-3], PLAIN[:-7]):
+        path.write_text(cut)
+        said = pytest.warns(UserWarning, match=r"a\.csv")
+        with said, pytest.raises(InputError, match=r"a\.csv"):
+            read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "culprit"),
+    [
+        (PLAIN + "2,3.5\n", "line 4"),
+        (PLAIN.replace("2.5,\n", "2.5,,9\n"), "line 2"),
+        (PLAIN.replace("col", "row"), "row"),
+        (BOXES.replace("1,3", "0,3", 1), "from 1"),
+    ],
+)
+def test_the_line_or_the_name_that_is_wrong_is_told(text, culprit, tmp_path):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=rf"a\.csv.*{culprit}"):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_cells_between_semicolons_or_tabs_are_read(separator, decimal, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN)
+    whole = read_table(path)
+    path.write_text(PLAIN.replace(",", separator).replace(".", decimal))
+    pd.testing.assert_frame_equal(read_table(path), whole)
+
+
 def test_boxes_without_a_number_are_in_no_track_and_can_be_linked(tmp_path):
     lines = BOXES.replace(",3,", ",-1,").replace(",9,", ",-1,")
     (tmp_path / "det.txt").write_text(lines)
     assert read_table(tmp_path / "det.txt")["particle"].isna().all()
-    for wrong in ("1,2,3,4,5\n2,2,3,4,5\n", BOXES + "1,2\n", SIMPLE[:-20], ""):
+    cut = SIMPLE.replace("micron", "")[:-20]
+    for wrong in ("1,2,3,4,5\n2,2,3,4,5\n", BOXES + "1,2\n", cut, "\n"):
         (tmp_path / "det.txt").write_text(wrong)
         with pytest.raises(InputError, match=r"det\.txt"):
             read_table(tmp_path / "det.txt")
@@ -167,7 +226,7 @@ def test_xml_of_another_kind_is_no_empty_table(text, tmp_path):
 def test_spots_without_tracks_are_linked_and_not_scored(tmp_path):
     lines = [line.split(",") for line in SPOTS.splitlines()]
     text = "\n".join(",".join(line[:2] + line[3:]) for line in lines)
-    (tmp_path / "a.csv").write_text(f"{text}\n")
+    (tmp_path / "a.csv").write_text(f"{text}\n".replace("micron", "pixel"))
     found = read_table(tmp_path / "a.csv")
     assert found[["frame", "row"]].to_numpy().tolist() == [[0, 7.5], [2, 8.5], [2, 60]]
     with pytest.raises(InputError, match="particle"):

@@ -20,6 +20,8 @@ none), left, top, width, height. A box becomes its middle, left + width / 2.
 
 import csv
 import io
+import re
+import warnings
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,7 +29,7 @@ import numpy as np
 import pandas as pd
 from pandas import DataFrame
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_columns, check_number
 from kilnflight.store.cache import write_whole
 from kilnflight.tables import FORMATS, PROGRAMS, in_tracks, with_pixels
 
@@ -36,6 +38,7 @@ ENDINGS = {"csv": ("", ".csv", ".txt", ".parquet"), "challenge": ("", ".xml")}
 # Since TrackMate 7 three lines follow the names: long names, short names, units.
 SPOT_NAMES = "Label,Spot ID,Track ID,Frame,Z,Y,X\n"
 SPOT_LINES = f"{SPOT_NAMES}{SPOT_NAMES},,,,(pixel),(pixel),(pixel)\n"
+UNIT = r'(spaceUnits="|\n,.*\()(micron|inch|.m)\b'  # of its XML, and of that line
 
 
 def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
@@ -50,25 +53,34 @@ def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> 
 
 
 def read_text(path: Path) -> DataFrame:
-    """Read a table; each line has as many cells as there are names, each name once."""
+    """Read a table; each line has as many cells as there are names, each name once.
+
+    Between them are commas; where the names have none, semicolons or tabs.
+    """
     text = path.read_text("utf-8-sig")
+    unit = re.search(UNIT, text)
+    if unit:
+        told = f"positions are in {unit[2]} and taken as px: give px, or divide them"
+        warnings.warn(f"{path}: {told} by the width of a pixel", stacklevel=2)
     if text.startswith("<"):
         return _read_xml(text)
+    if not text.endswith("\n"):
+        warnings.warn(f"{path}: its last line has no end. Is it whole?", stacklevel=2)
+    if "," not in text.partition("\n")[0]:
+        text = text.translate(str.maketrans(",;\t", ".,,"))
     rows = csv.reader(io.StringIO(text), skipinitialspace=True)
     names = next(rows, [""])
     if names[0].isdecimal():
         return _read_boxes(text)
-    widths = {len(row) for row in rows if row}
-    once = len(names) == len({*names}) <= MOST_COLUMNS
-    if widths - {len(names)} or not once or not text.endswith("\n"):
-        raise InputError(
-            "a line has other cells than names, a name is twice, the end is cut, or "
-            f"there are more than {MOST_COLUMNS} columns."
-        )
-    told = None
+    check_number(len(names), "columns", most=MOST_COLUMNS)
+    check_columns(DataFrame(columns=names), names, "its first line")
+    for row in rows:
+        if len(row) not in (0, len(names)):
+            raise InputError(f"line {rows.line_num}: {len(row)} cells of {len(names)}")
+    skipped = None
     if "\nLabel,Spot ID," in text:
-        told = [1, 2, 3]  # lines of TrackMate
-    return pd.read_csv(io.StringIO(text), skipinitialspace=True, skiprows=told)
+        skipped = [1, 2, 3]  # lines of TrackMate
+    return pd.read_csv(io.StringIO(text), skipinitialspace=True, skiprows=skipped)
 
 
 def _read_xml(text: str) -> DataFrame:
@@ -85,6 +97,7 @@ def _read_xml(text: str) -> DataFrame:
 def _read_boxes(text: str) -> DataFrame:
     """Return the middles of MOTChallenge's boxes; number -1 is no track."""
     cells = np.loadtxt(io.StringIO(text), delimiter=",", usecols=range(6), ndmin=2)
+    check_number(cells[:, 0].min(), "MOTChallenge's frames, from 1", least=1)
     cells[:, 0] -= 1
     cells[:, 2:4] += cells[:, 4:] / 2
     table = DataFrame(cells[:, :4], columns=["frame", "particle", "col", "row"])
@@ -104,6 +117,11 @@ def read_table(path: Path) -> DataFrame:
     DataFrame
         All its columns. Where it has the names of another program and no row and col,
         as in `kilnflight.tables.FORMATS`, these are renamed.
+
+    Warns
+    -----
+    UserWarning
+        If positions are not in px, or the last line has no line break.
 
     Raises
     ------
