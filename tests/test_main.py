@@ -8,6 +8,7 @@ import tifffile
 
 import kilnflight
 from kilnflight.__main__ import COMMANDS, LISTED, main
+from kilnflight.checks import InputError
 from kilnflight.recording.store import open_recording
 
 TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
@@ -193,6 +194,54 @@ def test_label_pictures_are_tracked(tmp_path, capsys):
     assert (first["col"] - first["frame"]).eq(3.5).all()
     tracks = kilnflight.track(labels)
     assert tracks["particle"].value_counts().tolist() == [15, 15]
+
+
+def discs():
+    """Return 6 frames of 12 discs, numbered from 1."""
+    row, col = np.mgrid[:90, :120]
+    numbers = 1 + row // 30 * 4 + col // 30
+    inside = np.hypot(row % 30 - 15, col % 30 - 15) < 6
+    return np.repeat((numbers * inside)[None], 6, axis=0).astype(np.uint16)
+
+
+def noise(kind):
+    """Return a film without particles, as its camera gives it."""
+    film = np.random.default_rng(1).normal(100, 3, (4, 60, 80))
+    return film if kind is float else np.rint(film).astype(kind)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        (discs() > 0).astype(np.uint8) * 255,
+        discs() > 0,
+        (discs() > 0) * (1 + discs() % 2),
+        noise(np.uint8),
+        noise(float),
+        (1000 * noise(float) / 3).astype(np.uint16),
+    ],
+    ids=["mask", "truth", "classes", "film", "floats", "16 bit"],
+)
+def test_a_mask_or_a_film_is_no_label_pictures(source):
+    with pytest.raises(InputError, match=r"skimage\.measure\.label.*kilnflight run"):
+        kilnflight.track(source)
+
+
+@pytest.mark.filterwarnings("ignore:6 particles")
+def test_labels_of_any_size_are_read_also_of_one_middle():
+    labels = discs()
+    for each, count in (
+        (labels, 12),
+        (np.where(labels == 7, labels, 0), 1),
+        (labels * (np.diff(labels.astype(int), axis=1, prepend=0) > 0), 12),  # thin
+        (np.where(labels == 0, 20, labels), 13),  # no background
+    ):
+        assert len(kilnflight.track(each)) == 6 * count
+    row, col = np.mgrid[:60, :60] - 30
+    nested = np.sum([np.hypot(row, col) < radius for radius in (12, 5)], axis=0)
+    tracks = kilnflight.track(np.repeat(nested[None], 5, axis=0).astype(np.uint8))
+    assert tracks.groupby("label").size().to_dict() == {1: 5, 2: 5}
+    assert (tracks[["row", "col"]] == 30).all(axis=None)
 
 
 def test_the_package_itself_loads_nothing():

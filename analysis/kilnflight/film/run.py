@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from skimage.measure import label
 
 from kilnflight import chain, tracking
 from kilnflight.association import GNN, Associator
@@ -104,7 +105,7 @@ def track_detections(
     detections
         Columns frame and row, col (px), or those of another program; depth z (mm)
         beside row, col. Or label pictures, as anything that `kilnflight.open` takes:
-        each whole number is an area, 0 is background.
+        each whole number is an area, ``label`` in the tracks; 0 is background.
     associator
         Association of a frame, such as ``kilnflight.JPDA()``.
     post_processing
@@ -137,8 +138,8 @@ def track_detections(
     Raises
     ------
     InputError
-        If a column is missing or there twice, a frame is below 0 or no whole number, or
-        a position is not finite.
+        If a column is missing or there twice, a frame is below 0 or no whole number, a
+        position is not finite, or label pictures are a mask or a film.
 
     Examples
     --------
@@ -190,11 +191,21 @@ def _table(source: Any) -> pd.DataFrame:
     recording = open_any(source)
     first = recording.frame(0).index
     parts = []
+    areas = 0
     for t in range(len(recording)):
         frame = recording.frame(t)
-        areas = particle_centroids(frame.gray, np.unique(frame.gray[frame.gray > 0]))
-        parts.append(areas.assign(frame=frame.index - first))
-    return pd.concat(parts, ignore_index=True)
+        held = np.unique(frame.gray[frame.gray > 0])
+        middles = particle_centroids(frame.gray, held)
+        parts.append(middles.assign(frame=frame.index - first, label=held))
+        areas += label(frame.gray, connectivity=2).max()
+    table = pd.concat(parts, ignore_index=True)
+    # of noise each pixel is an area
+    if areas > min(1.5 * len(table), len(parts) * frame.gray.size / 4):
+        raise InputError(
+            f"{recording.attributes.name}: {len(table)} labels are {areas} areas. A "
+            "mask? Number them: skimage.measure.label. A film? kilnflight run."
+        )
+    return table
 
 
 def run_recording(
