@@ -139,7 +139,8 @@ STATED = {  # what writes the file; frames/s and um/px that follow, None: not kn
     "micron": (lambda path: imagej(path, unit="micron", finterval=0.05), 20.0, 0.65),
     "escaped": (lambda path: imagej(path, unit="\\u00B5m"), None, 0.65),
     "mm": (lambda path: imagej(path, width=500.0, unit="mm"), None, 2.0),
-    "inch": (lambda path: imagej(path, width=300.0, unit="inch"), None, None),
+    "inch": (lambda path: imagej(path, width=254.0, unit="inch"), None, 100.0),
+    "cm": (lambda path: imagej(path, width=1e4, unit="cm"), None, 1.0),
     "pixel": (lambda path: imagej(path), None, None),
     "minutes": (lambda path: imagej(path, finterval=0.5, tunit="min"), 1 / 30, None),
     "ome": (
@@ -205,6 +206,44 @@ def test_a_number_that_is_none_is_told_with_file_and_field(name, tmp_path):
         assert [name in note and text in note for note in notes] == [True] * bool(text)
         given = open_any(path, frame_rate_hz=7.0, um_per_px=3.0).attributes
         assert (given.frame_rate_hz, given.um_per_px) == (7.0, 3.0)
+
+
+def test_a_unit_that_is_not_known_is_told_and_nothing_follows_from_it(tmp_path):
+    imagej(tmp_path / "a.tif", unit="furlong", finterval=2.0, tunit="moon")
+    step = {"TimeIncrement": 1.0, "TimeIncrementUnit": "day"}
+    ome(tmp_path / "b.tif", PhysicalSizeX=1.0, PhysicalSizeXUnit="mil", **step)
+    for name, units in {"a.tif": ("furlong", "moon"), "b.tif": ("mil", "day")}.items():
+        known = open_any(tmp_path / name).attributes
+        assert (known.um_per_px, known.timed) == (None, False)
+        for unit, note in zip(units, known.notes, strict=True):
+            assert name in note
+            assert unit in note
+
+
+@pytest.mark.parametrize(("height", "scale"), [(0.4, None), (0.2001, 0.2), (0.0, 0.2)])
+def test_pixels_that_are_not_square_have_no_scale_and_it_is_said(
+    height, scale, tmp_path
+):
+    ome(tmp_path / "a.tif", PhysicalSizeX=0.2, PhysicalSizeY=height)
+    known = open_any(tmp_path / "a.tif").attributes
+    assert known.um_per_px == scale
+    assert [("square" in note) for note in known.notes] == [scale is None]
+
+
+def test_times_of_single_frames_are_not_used_and_it_is_said(tmp_path):
+    ome(tmp_path / "a.tif", Plane={"DeltaT": [0.0, 0.1, 0.2, 0.9, 1.0, 1.1]})
+    recording = open_any(tmp_path / "a.tif")
+    assert [recording.frame(t).index for t in range(6)] == [*range(6)]
+    assert ["DeltaT" in note for note in recording.attributes.notes] == [True]
+
+
+def test_a_file_of_several_pages_after_one_of_one_page_is_named(tmp_path):
+    tifffile.imwrite(tmp_path / "a_0.tif", DEEP[0])
+    tifffile.imwrite(tmp_path / "a_1.tif", DEEP[1:4], photometric="minisblack")
+    recording = open_any(tmp_path)
+    np.testing.assert_array_equal(recording.gray(0), DEEP[0])
+    with pytest.raises(InputError, match=r"a_1\.tif.* 3 "):
+        recording.gray(1)
 
 
 def test_a_stored_recording_keeps_rate_and_scale(tmp_path):
@@ -303,8 +342,9 @@ def test_slices_of_one_channel_are_a_film_and_said(tmp_path):
         imagej=True,
         metadata={"axes": "TZYX"},
     )
-    with pytest.raises(InputError, match="TZYX"):
+    with pytest.raises(InputError, match="TZYX") as error:
         open_any(tmp_path / "c.tif")
+    assert "<" not in str(error.value)  # as of an enumeration
 
 
 def test_a_film_that_changes_size_or_bits_is_refused_with_the_frame(tmp_path):

@@ -39,12 +39,34 @@ SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 GRAY_16 = 0x10003159  # OpenCV's name of grey values of 16 bits
 ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
-# Lengths in um and times in s, as ImageJ and OME name them.
-UNITS = {"nm": 1e-3, "um": 1.0, "micron": 1.0, "mm": 1e3, "ms": 1e-3, "s": 1.0}
-UNITS |= {"\u00b5m": 1.0, r"\u00B5m": 1.0, "sec": 1.0, "min": 60.0}
+Facts = dict[str, Any]  # attributes by name
+UNITS: Facts = {  # lengths in um and times in s, as ImageJ and OME name them
+    "pixel": 0.0,
+    "nm": 1e-3,
+    "um": 1.0,
+    "\u00b5m": 1.0,
+    r"\u00B5m": 1.0,
+    "micron": 1.0,
+    "mm": 1e3,
+    "cm": 1e4,
+    "inch": 25_400.0,
+    "ms": 1e-3,
+    "s": 1.0,
+    "sec": 1.0,
+    "min": 60.0,
+}
+STATED: Facts = {  # fields of OME and ImageJ, and what holds without them
+    "PhysicalSizeX": 0,
+    "PhysicalSizeY": 0,
+    "PhysicalSizeXUnit": "um",
+    "unit": "pixel",
+    "TimeIncrement": 0,
+    "TimeIncrementUnit": "s",
+    "finterval": 0,
+    "tunit": "s",
+}
 MOST_COLUMNS = 20_000  # of a text; no camera has more
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
-Facts = dict[str, Any]  # attributes by name
 Key = str | Sequence[str] | None  # variable or data set; several become columns
 
 # tifffile would print what is raised here.
@@ -60,7 +82,11 @@ class PictureFiles:
 
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``."""
-        return read_array(self.files[t], self.key)
+        file = self.files[t]
+        picture = read_array(file, self.key)
+        if picture.ndim == 3 and picture.shape[2] > 4:  # no colours
+            raise InputError(f"{file}: {len(picture)} pages, the first has 1. Part it.")
+        return picture
 
 
 @dataclass(frozen=True)
@@ -215,18 +241,25 @@ def _stated(path: Path) -> tuple[Facts, str]:
             notes.append("slices along z are read as frames in time")
         facts = Facts(notes=notes, length=len(tif.pages))
     # unit=um in a line of ImageJ's, PhysicalSizeX="0.65" in OME
-    told = Facts(re.findall(r'(\w+)="?([^"\n]+)', page.description))
-    for name in ("PhysicalSizeX", "TimeIncrement", "finterval"):
+    told = STATED | Facts(re.findall(r'(\w+)="?([^"\n]+)', page.description))
+    for key in STATED:
+        value = told[key]
         try:
-            check_number(float(told.get(name, 0)), name, least=0)
+            told[key] = check_number(float(UNITS.get(value, value) or 0), key, least=0)
         except ValueError:
-            notes.append(f"{path.name}: {name} is {told.pop(name)!r}: not used")
-    width = UNITS.get(told.get("unit", ""), 0.0) / (page.resolution[0] or np.inf)
-    unit = UNITS.get(told.get("PhysicalSizeXUnit", "um"), 0.0)
-    width += float(told.get("PhysicalSizeX", 0)) * unit
-    unit = UNITS.get(told.get("TimeIncrementUnit") or told.get("tunit", "s"), 0.0)
-    step = float(told.get("TimeIncrement") or told.get("finterval", 0)) * unit
-    if width:
+            notes.append(f"{path.name}: {key} is {value!r}: not used")
+            told[key] = 0.0
+    across = told["PhysicalSizeX"]
+    along = told["PhysicalSizeY"]
+    width = told["unit"] / (page.resolution[0] or np.inf)
+    width += across * told["PhysicalSizeXUnit"]
+    step = told["TimeIncrement"] * told["TimeIncrementUnit"]
+    step = step or told["finterval"] * told["tunit"]
+    if "DeltaT" in told:
+        notes.append("times of single frames (DeltaT) are not used")
+    if across * along and not np.isclose(across, along, 0.01):
+        notes.append("pixels are not square: the scale is not used")
+    elif width:
         facts["um_per_px"] = width
         notes.append(f"the file states {width:g} um/px")
     if step:
@@ -527,7 +560,7 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
     tif.filehandle.seek(tif.pages.next_page_offset or 0)
     if empty or tif.filehandle.read(4) != bytes(4):
         raise ValueError("it ends within its pages")
-    page = tif.pages.first
+    page: Any = tif.pages.first
     if "\0" in page.description:  # it may state the number of frames
         raise ValueError("its description holds zeros")
     series = tif.series[0]
@@ -541,6 +574,7 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
         axes -= {"Z"}  # one plane at a time
     if axes - set("TIQYXS") or page.photometric not in (1, 2, 6):  # grey, RGB, JPEG's
         raise InputError(
-            f"axes {series.axes}, colours {page.photometric!r}. Save grey values of "
-            "one plane, black as 0; time is T (ImageJ: Image > Properties)."
+            f"axes {series.axes}, colours {page.photometric.name}. Take one channel "
+            "or slice (ImageJ: Image > Duplicate), grey or RGB, black as 0; time is T "
+            "(Image > Properties)."
         )
