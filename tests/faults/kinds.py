@@ -129,12 +129,17 @@ def patched(content, rng, change):
     return content[:k] + change(content[k : k + 64]) + content[k + 64 :]
 
 
+def cut(content, length):
+    """Return the first bytes; a table cut after a whole line is a shorter table."""
+    return content[:length].rstrip(b"\n")
+
+
 BYTES = {
     "empty": lambda content, rng: b"",
-    "cut": lambda content, rng: content[: rng.integers(len(content))],
-    "cut at the end": lambda content, rng: content[
-        : -rng.integers(1, 1 + len(content) // 9)
-    ],
+    "cut": lambda content, rng: cut(content, rng.integers(len(content))),
+    "cut at the end": lambda content, rng: cut(
+        content, len(content) - rng.integers(1, 1 + len(content) // 9)
+    ),
     "longer": lambda content, rng: content + rng.bytes(rng.integers(1, 99)),
     "other": lambda content, rng: rng.bytes(len(content)),
     "text": lambda content, rng: b"frame,x\n1,2\n",

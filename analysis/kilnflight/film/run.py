@@ -147,7 +147,7 @@ def track_detections(
     >>> truth = kilnflight.sample_film().truth
     >>> tracks = kilnflight.track(truth[["frame", "row", "col"]])
     >>> round(kilnflight.score_tracks(truth, tracks, gate=5.0).jsc_theta, 2)
-    0.95
+    0.96
     """
     if post_processing is not None:
         check_flags("post_processing", post_processing)
