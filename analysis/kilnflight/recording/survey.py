@@ -13,7 +13,7 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.manifest import SUBSET
+from kilnflight.recording.manifest import SUBSET, TABLES
 from kilnflight.recording.readers import (
     Anything,
     find_subsets,
@@ -66,7 +66,6 @@ def draft(folder: Path) -> tuple[list[str], str]:
     if "gray" not in chosen:
         listed = "\n".join(told)
         raise InputError(f"{folder}: nothing looks like grey pictures.\n{listed}")
-    size = chosen["gray"].first.shape[:2]
     lines = [
         f'name = "{folder.name}"',
         "frame_rate_hz = 330.0  # ? the camera's; chapter 5.1 does not need it",
@@ -76,10 +75,11 @@ def draft(folder: Path) -> tuple[list[str], str]:
         "850 to 1149, counted from 0",
     ]
     gray = np.asarray(chosen["gray"].first, float)
+    size = gray.shape[:2]
     subsets = _subsets(chosen["gray"], folder)
     if not subsets:
         lines.append("# subsets = { V1 = [1, 10], V2 = [11, 20] }  # ? frames of each")
-    for kind in ("gray", "coordinates", "labels"):
+    for kind in TABLES:
         if kind not in chosen:
             lines += [
                 "",
@@ -136,17 +136,16 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         form = "grid"
     xyz = array[..., -3:].reshape(-1, 3)
     invalid = _invalid(xyz[:, 2])
-    known = np.isfinite(xyz).all(axis=1)
+    known = np.isfinite(xyz).all(axis=1) & (xyz[:, 2] != 0)
     if invalid != "nan":
         known &= xyz[:, 2] != invalid
+    xyz = xyz[known]
     index = None
     if form == "cloud":
         index = _index_of(series, len(series.first))
         form = "indexed" if index else "cloud"
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
-    depths = xyz[known & (xyz[:, 2] != 0), 2]
-    depth = np.median(depths) if depths.size else np.inf
-    lines += _depth_lines(depth)
+    lines += _depth_lines(np.median(xyz[:, 2]) if len(xyz) else np.inf)
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
         lines.append(f"focal_length_px = {FOCAL_LENGTH_PX:.1f}  {question}")
@@ -157,7 +156,10 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         pairs = _numbered_pairs(number, size)
     else:
         pairs = _pixel_pairs(array, form, size)
-    fits = {order: _follow(*pair, xyz, known) for order, pair in pairs.items()}
+    fits = {
+        order: _follow(row[known], col[known], xyz)
+        for order, (row, col) in pairs.items()
+    }
     order = max(fits, key=lambda name: sum(map(abs, fits[name])))
     down, _ = fits[order]
     unsure = "" if sum(map(abs, fits[order])) > SURE else "  # ? x, y and pixels differ"
@@ -172,15 +174,14 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
 
 def _depth_lines(depth: float) -> list[str]:
     """Return the lines of a manifest that a median depth decides."""
-    lines = []
+    line = 'unit = "mm"'
+    if abs(depth) < METRES_BELOW:
+        line = 'unit = "m"'
+    elif abs(depth) < CENTIMETRES_BELOW:
+        line = 'unit = "cm"  # ? or "mm"'
     if depth < 0:
-        lines.append('z = "back"')
-        depth = -depth
-    if depth < METRES_BELOW:
-        return [*lines, 'unit = "m"']
-    if depth < CENTIMETRES_BELOW:
-        return [*lines, 'unit = "cm"  # ? or "mm"']
-    return [*lines, 'unit = "mm"']
+        return ['z = "back"', line]
+    return [line]
 
 
 def _index_of(series: Series, count: int) -> str | None:
@@ -205,29 +206,28 @@ def _pixel_pairs(
     """Return row and col (n,) of each coordinate, by the order that is possible."""
     if form == "points":
         first, second = array[:, :2].T
-        return {"row col": (first, second), "col row": (second, first)}
-    if array.ndim == 3:
+    elif array.ndim == 3:
         first, second = np.indices(array.shape[:2]).reshape(2, -1)
-        if array.shape[:2] != size:
-            return {"col row": (second, first)}
-        if size[0] != size[1]:
-            return {"row col": (first, second)}
-        return {"row col": (first, second), "col row": (second, first)}
-    return _numbered_pairs(np.arange(len(array)), size)
+    else:
+        return _numbered_pairs(np.arange(len(array)), size)
+    pairs = {"row col": (first, second), "col row": (second, first)}
+    if array.ndim == 3 and array.shape[:2] != size:
+        del pairs["row col"]
+    elif array.ndim == 3 and size[0] != size[1]:
+        del pairs["col row"]
+    return pairs
 
 
-def _follow(row: Any, col: Any, xyz: Any, known: Any) -> tuple[float, float]:
+def _follow(row: Any, col: Any, xyz: Any) -> tuple[float, float]:
     """Return the correlations of y/z with the row and of x/z with the column.
 
-    Both are near 1 or -1 in a picture of a camera, whatever the depths.
+    Both are near 1 or -1 in a picture of a camera, whatever the depths; none is 0.
     """
-    known = known & (xyz[:, 2] != 0)
-    x, y, z = xyz[known].T
-    if len(z) < LEAST_POINTS:
+    if len(xyz) < LEAST_POINTS:
         return 0.0, 0.0
-    z = np.abs(z)
-    down = np.corrcoef(row[known], y / z)[0, 1]
-    right = np.corrcoef(col[known], x / z)[0, 1]
+    x, y, z = xyz.T
+    down = np.corrcoef(row, y / np.abs(z))[0, 1]
+    right = np.corrcoef(col, x / np.abs(z))[0, 1]
     return down, right
 
 
@@ -239,7 +239,7 @@ def check_frame_fits(frame: Frame, where: str) -> None:
     xyz = np.asarray(frame.xyz, float)
     if len(xyz) >= LEAST_POINTS:
         row, col = frame.pixels.T
-        down, right = _follow(row, col, xyz, np.ones(len(xyz), bool))
+        down, right = _follow(row, col, xyz)
         line = ""
         if _invalid(xyz[:, 2]) != "nan":
             line = "many points have one depth; set invalid"
@@ -297,34 +297,31 @@ def _label_lines(series: Series, gray: Any) -> list[str]:
     lines = [f'form = "{series.form}"']
     size = gray.shape[:2]
     asked = "# ours: 0 wall, 1 flame, 2 burning in air, 3 unlit in air, 4 on the wall"
+    values = set[int]()
     if series.form == "table":
-        *frame, first, second, theirs = series.first.T
-        places = np.column_stack([first, second]).astype(int)
-        if frame:
-            places = places[frame[0] == frame[0][0]]
+        listed = series.first[:, -3:-1]
+        places = listed.astype(int)
+        if series.first.shape[1] == 4:
+            frame = series.first[:, 0]
+            places = places[frame == frame[0]]
         places -= min(places.min(), 1)
         orders = {"row col": places, "col row": places[:, ::-1]}
         order = max(orders, key=lambda name: _brightness(gray, orders[name]))
-        lines += [
-            f'order = "{order}"',
-            _origin_line(series.first[:, -3:-1], size, order),
-        ]
+        lines += [f'order = "{order}"', _origin_line(listed, size, order)]
+        values.update(series.first[:, -1].astype(int).tolist())
     else:
-        theirs = series.first
-        turned = theirs.shape != size
+        turned = series.first.shape != size
         lines.append(f'order = "{"col row" if turned else "row col"}"')
-    values = {*np.unique(theirs).astype(int).tolist()}
-    if series.form != "table":  # the first file may lack a class
-        for file in series.files:
+        for file in series.files:  # the first may lack a class
             values.update(np.unique(read_array(file, series.key)).astype(int).tolist())
-    classes: dict[int, int] = {}
     if values <= CLASSES:
-        classes = {value: value for value in sorted(CLASSES)}
-    elif len(values) == len(CLASSES):
-        classes = dict(zip(sorted(values), sorted(CLASSES), strict=True))
+        values = CLASSES
+    text = ""
+    if len(values) == len(CLASSES):
+        pairs = zip(sorted(values), sorted(CLASSES), strict=True)
+        text = ", ".join(f"{theirs} = {ours}" for theirs, ours in pairs)
     else:
         lines.append(f'# ? they have {sorted(values)}; if of one class: form = "masks"')
-    text = ", ".join(f"{theirs} = {ours}" for theirs, ours in classes.items())
     return [*lines, asked, f"classes = {{ {text} }}  # theirs = ours"]
 
 
