@@ -104,9 +104,6 @@ class Slabs(PictureFiles):
 
     array: Any = None
 
-    def __len__(self) -> int:
-        return len(self.array)
-
     def __getitem__(self, t: int) -> Anything:
         """Return the picture of frame ``t``."""
         try:
@@ -213,9 +210,10 @@ def open_images(
             film = Film(path)
             return film, film.numbers, film.facts
         stack: Any = read_stack(path, key)
+        numbers = range(len(stack))
         if isinstance(stack, h5py.Dataset):
             stack = Slabs([path], key, stack)
-        return stack, range(len(stack)), _stated(path)[0]
+        return stack, numbers, _stated(path)[0]
     files = number_files(pattern, folder)
     paths = [*files.values()]
     read_stack(paths[0], key)  # it raises where that file is damaged
@@ -269,11 +267,15 @@ def _stated(path: Path) -> tuple[Facts, str]:
 
 
 def _split(pattern: str, folder: Path) -> tuple[Path, str]:
-    """Return the folders of a pattern that exist, which are none, and the rest."""
+    """Return the folders of a pattern that exist, which are none, and the rest.
+
+    FRAME stands for the number of a frame.
+    """
     place = folder / pattern
     while not place.is_dir():
         place = place.parent
-    return place, str((folder / pattern).relative_to(place))
+    rest = str((folder / pattern).relative_to(place))
+    return place, re.sub(r"\{frame[^}]*\}", "FRAME", rest)
 
 
 def _names(pattern: str, place: Path) -> list[str]:
@@ -291,10 +293,9 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     InputError
         If there is none, or the numbers do not ascend.
     """
-    place, rest = _split(pattern, folder)
-    text = re.sub(r"\{frame[^}]*\}", "FRAME", rest)
+    place, text = _split(pattern, folder)
     endings: tuple[str, ...] = ("",)
-    if rest == ".":
+    if text == ".":
         text = "*"
         endings = PICTURES
     number = r"(?P<number>\d+)"
@@ -338,11 +339,10 @@ def find_file(pattern: str, folder: Path) -> Path:
 
 def find_subsets(pattern: str, folder: Path) -> list[str]:
     """Find what stands for ``{subset}`` in the files of a pattern, in order."""
-    place, rest = _split(pattern, folder)
-    text = re.sub(r"\{frame[^}]*\}", "FRAME", rest)
-    form = re.escape(text).replace("FRAME", r"\d+")
-    form = form.replace(re.escape("{subset}"), "(?P<subset>[^/]+?)", 1)
-    form = form.replace(re.escape("{subset}"), "(?P=subset)").replace(r"\*", "[^/]*")
+    place, text = _split(pattern, folder)
+    form = re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
+    form = form.replace(r"\{subset\}", "(?P<subset>[^/]+?)", 1)
+    form = form.replace(r"\{subset\}", "(?P=subset)")
     names = _names(text.replace("FRAME", "*").replace("{subset}", "*"), place)
     fitting = [re.fullmatch(form, Path(name).as_posix()) for name in names]
     found = sorted({match["subset"] for match in fitting if match})
@@ -414,9 +414,9 @@ def variables(path: Path) -> dict[Key, Anything]:
     return {name: read_array(path, name) for name in held}
 
 
-def _read(path: Path, key: Key, named: bool = True) -> Anything:
+def _read(path: Path, key: Key, named: bool) -> Anything:
     if isinstance(key, list | tuple):
-        return np.squeeze(np.stack([_read(path, name) for name in key], axis=-1))
+        return np.squeeze(np.stack([_read(path, name, named) for name in key], axis=-1))
     ending = path.suffix.lower()
     if ending in TIFFS:
         return _read_tiff(path)

@@ -96,9 +96,11 @@ def is_archive(path: Path) -> bool:
         return path.is_file()
     if not path.is_dir() or (path / "zarr.json").is_file():
         return False
-    held = [each for each in path.iterdir() if not each.name.startswith((".", "__"))]
-    others = [each for each in held if each.suffix.lower() in ENDINGS[len(PICTURES) :]]
-    return bool(others) or any(each.is_dir() for each in held)
+    for each in path.iterdir():
+        other = each.is_dir() or each.suffix.lower() in ENDINGS[len(PICTURES) :]
+        if other and not each.name.startswith((".", "__")):
+            return True
+    return False
 
 
 def unpack(archive: Path) -> Path:
@@ -193,9 +195,9 @@ def _join(found: Sequence[Series]) -> list[Series]:
     """Join series that one word tells apart, where several kinds have these words."""
     groups = defaultdict[Any, dict[str, Series]](dict)
     for series in found:
-        words = re.findall(r"[^/{}.]+(?=[/.])|", series.pattern)  # folders, file
+        words = re.findall(r"[^/{}.]+(?=[/.])", series.pattern)  # folders, file
         words += re.findall(r"[A-Za-z]+", series.pattern)
-        for word in {*words} - {""}:
+        for word in dict.fromkeys(words):
             whole = rf"(?<![A-Za-z\d{{]){re.escape(word)}(?![A-Za-z\d}}])"
             pattern = re.sub(whole, SUBSET, series.pattern)
             if pattern != series.pattern:
@@ -256,7 +258,7 @@ def _kind(array: Anything) -> tuple[str, str]:
     if array.dtype.kind not in "buif":
         return "", ""
     known = array[np.isfinite(array)]
-    whole = known.size > 0 and bool((known % 1 == 0).all())
+    whole = bool((known % 1 == 0).all())
     if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind in "fi":
         return "coordinates", "grid"
     if array.ndim == 3 and array.shape[2] in (3, 4):

@@ -187,9 +187,7 @@ def open_recording(path: Path | str) -> StoredRecording:
             raise InputError(f"a Zarr group, but not a {FORMAT}")
         content = given.pop("content", None)
         attributes = Attributes.from_json(given)
-        per_frame = {
-            name: np.asarray(group[name][:], kind) for name, kind in PER_FRAME.items()
-        }
+        per_frame = {name: group[name][:] for name in PER_FRAME}
         arrays = {name: group[name] for name in KINDS}
         for name, right in _create({}, attributes, len(per_frame["index"])).items():
             if group[name].metadata != right.metadata:
@@ -274,12 +272,11 @@ def _write(
     # disable=None shows a bar in a terminal and nothing in logs and notebooks.
     for position, t in enumerate(tqdm(frames, desc=where, unit="frame", disable=None)):
         frame = recording.frame(t)
-        labelled = frame.labels is not None
         for name in KINDS:
             values = getattr(frame, name)
             if values is not None and len(values):
                 arrays[name][position, : len(values)] = values
-        known = frame.index, frame.time_s, len(frame.xyz), labelled
+        known = frame.index, frame.time_s, len(frame.xyz), frame.labels is not None
         rows.append((*known, hash(frame.gray.tobytes())))
     table = DataFrame(rows, columns=[*PER_FRAME, "picture"])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
@@ -299,14 +296,6 @@ def _write(
     group.attrs["content"] = open_recording(folder).content()
 
 
-def _size_of(name: str, attributes: Attributes) -> tuple[int, int]:
-    """Return the size of an array in each frame: rows and columns, or points."""
-    rows, columns = attributes.size
-    if name in POINT_NUMBERS:
-        return rows * columns, POINT_NUMBERS[name]
-    return rows, columns
-
-
 def _create(
     store: Any, attributes: Attributes, length: int
 ) -> dict[str, zarr.Array[Any]]:
@@ -318,7 +307,10 @@ def _create(
         for name, kind in PER_FRAME.items()
     }
     for name, kind in KINDS.items():
-        rows, columns = _size_of(name, attributes)
+        rows, columns = attributes.size
+        if name in POINT_NUMBERS:
+            rows *= columns
+            columns = POINT_NUMBERS[name]
         arrays[name] = group.create_array(
             name,
             shape=(length, rows, columns),
