@@ -331,19 +331,17 @@ def open_subsets(path: Path | str) -> dict[str, FileRecording]:
         facts, tables = read_manifest(path)
         pattern = tables["gray"].pattern
         spans = facts.pop("subsets", {})
+        if SUBSET in pattern:
+            spans = dict.fromkeys(find_subsets(pattern, path.parent), EVERY)
+            for kind, table in tables.items():
+                if SUBSET not in table.pattern:
+                    told = f"all subsets would share it. Add {SUBSET}."
+                    raise InputError(f"[{kind}]: {told}")
         recordings = {}
-        if SUBSET not in pattern:
-            for name, span in (spans or {facts["name"]: EVERY}).items():
-                facts |= {"name": name}
-                recordings[name] = _put_together(path.parent, facts, tables, span)
-            return recordings
-        for kind, table in tables.items():
-            if SUBSET not in table.pattern:
-                raise InputError(f"[{kind}]: all subsets would share it. Add {SUBSET}.")
-        for name in find_subsets(pattern, path.parent):
+        for name, span in (spans or {facts["name"]: EVERY}).items():
             own = {kind: table.of_subset(name) for kind, table in tables.items()}
-            facts |= {"name": name}
-            recordings[name] = _put_together(path.parent, facts, own)
+            facts["name"] = name
+            recordings[name] = _put_together(path.parent, facts, own, span)
         return recordings
 
 
@@ -369,7 +367,8 @@ def _put_together(
     ``span`` are the first and the last number of its frames.
     """
     least, most = span
-    gray = tables["gray"]
+    others = dict(tables)
+    gray = others.pop("gray")
     facts = facts | {"channel": gray.channel}
     if gray.form == "stack":
         file = find_file(gray.pattern, folder)
@@ -383,10 +382,7 @@ def _put_together(
             images = PictureFiles([images.files[k] for k in kept], gray.key)
             numbers = [numbers[k] for k in kept]
     parts = [Part("gray", {}, gray)]
-    for kind in ("coordinates", "labels"):
-        if kind not in tables:
-            continue
-        table = tables[kind]
+    for kind, table in others.items():
         if table.form == "stack":
             file = find_file(table.pattern, folder)
             files = dict.fromkeys(table.read_numbers(file), file)

@@ -235,20 +235,20 @@ class FileTable:
         self, array: Anything, xyz: Anything, size: tuple[int, ...], path: Path
     ) -> Anything:
         """Return row and col (n, 2) of all points; ``xyz`` (n, 3) is in mm, y up."""
-        if self.form == "points":
-            listed = array[:, :2] - self.origin
-            return listed if self.order == "row col" else listed[:, ::-1]
-        if self.form == "indexed":
-            number = real_numbers(read_array(path, self.index), str(path)).ravel()
-            check_shape(number, (len(xyz),), f"{path}, {self.index}")
-            first_axis = size[1] if self.order == "row col" else size[0]
-            listed = np.stack(np.divmod(number - self.origin, first_axis), axis=1)
-            return listed if self.order == "row col" else listed[:, ::-1]
         if self.form == "cloud":
             x, y, z = xyz.astype(np.float64).T
             across = np.column_stack([-y, x]) * (self.focal_length_px / z)[:, None]
             return np.rint((np.array(size) - 1) / 2 + across)
-        return np.indices(size).reshape(2, -1).T
+        if self.form == "points":
+            listed = array[:, :2] - self.origin
+        elif self.form == "indexed":
+            number = real_numbers(read_array(path, self.index), str(path)).ravel()
+            check_shape(number, (len(xyz),), f"{path}, {self.index}")
+            first_axis = size[1] if self.order == "row col" else size[0]
+            listed = np.stack(np.divmod(number - self.origin, first_axis), axis=1)
+        else:
+            return np.indices(size).reshape(2, -1).T
+        return listed if self.order == "row col" else listed[:, ::-1]
 
     def read_labels(
         self, path: Path, size: tuple[int, ...], number: int
