@@ -156,7 +156,7 @@ def preview(source: Any, **options: Any) -> Figure:
     recording = open_any(source)
     first = recording.frame(0).index
     rows: Rows = []
-    run, known = choose(recording, Options(**options), rows)
+    run = choose(recording, Options(**options), rows)
     seen = run.source.recording()
     frames = [run.frames[k] for k in spread(len(run.frames), PREVIEW_FRAMES)]
     views = list(chain.views(seen, frames, run.background))
@@ -171,10 +171,11 @@ def preview(source: Any, **options: Any) -> Figure:
     doubts = "\n".join(text for what, text in rows if what == "warning")
     figure.suptitle(doubts, fontsize=7, color=style.COLOURS[1], wrap=True)
     single: Any = run.detector.detector
+    # The first parameter of DoG and Otsu is their threshold.
+    name = fields(single)[0].name
     for k, step in enumerate(PREVIEW_STEPS):
-        threshold = step * (known.threshold or 0.0)
-        # The first parameter of DoG and Otsu is their threshold.
-        changed = replace(single, **{fields(single)[0].name: threshold})
+        threshold = step * getattr(single, name)
+        changed = replace(single, **{name: threshold})
         detector = replace(run.detector, detector=changed)
         for axes, (t, view) in zip(grid[k], views, strict=True):
             found = detector(view, seen.attributes.roi)

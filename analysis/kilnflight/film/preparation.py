@@ -122,16 +122,13 @@ class Looks:
         return sum(map(len, self.spots(background, enlarge)))
 
 
-def choose(
-    recording: Recording, options: Options, rows: Rows
-) -> tuple[chain.DetectionRun, Options]:
+def choose(recording: Recording, options: Options, rows: Rows) -> chain.DetectionRun:
     """Return how a recording is detected: what is given, else what the frames tell.
 
     Each setting is added to ``rows`` when it is chosen.
 
     Recordings with depth are taken as the thesis takes them: median, combined detector
     and at least its threshold (section 5.1.2), which is scaled by the brightest pixel.
-    The options come back with background and threshold.
 
     Raises
     ------
@@ -163,11 +160,11 @@ def choose(
             rows.append(("warning", LARGE))
     threshold, reason = choose_threshold(looks, background, enlarge, options, deep)
     rows.append(("threshold", f"{threshold:g} grey values ({reason})"))
+    spots = spot_detector(threshold, enlarge)
     if planar:
-        rows.extend(_found(looks, background, spot_detector(threshold, enlarge)))
+        rows.extend(_found(looks, background, spots))
         rows.extend(_doubts(looks, background, enlarge))
-    known = replace(options, background=background, threshold=threshold)
-    return _detection(seen, known, enlarge, deep), known
+    return _detection(seen, options, background, spots, deep)
 
 
 def _prepared(recording: Recording, options: Options, deep: bool) -> Prepared:
@@ -272,30 +269,27 @@ def choose_threshold(
     return max(threshold, least), "from the noise, at least that of the thesis"
 
 
-def _frames(recording: Recording, options: Options) -> range:
-    """Return the frames that are searched."""
-    return range(*(options.frames or (0, len(recording))))
-
-
 def _detection(
-    seen: Prepared, options: Options, enlarge: int, deep: bool
+    seen: Prepared, options: Options, background: Background, spots: DoG, deep: bool
 ) -> chain.DetectionRun:
-    """Return the detection of a recording with all options known, without a folder."""
-    threshold = options.threshold or 0.0
-    single: DoG | Otsu = spot_detector(threshold, enlarge)
+    """Return the detection of a recording, without a folder.
+
+    ``spots`` has the threshold, of areas, too.
+    """
+    single: DoG | Otsu = spots
     if options.detector == "otsu":
-        single = Otsu(threshold)
+        single = Otsu(spots.threshold)
     detector: Combination | Planar = Planar(single, options.size)
     if deep:
         detector = Combination(single)
-    frames = _frames(seen, options)
+    frames = range(*(options.frames or (0, len(seen))))
     # Eight chunks show progress; below 25 frames the median's window outweighs a chunk.
     chunk = min(chain.CHUNK_FRAMES, max(25, -(-len(frames) // 8)))
     return chain.DetectionRun(
         source=seen,
         frames=frames,
         detector=detector,
-        background=BACKGROUNDS[options.background or "median"],
+        background=BACKGROUNDS[background],
         chunk=chunk,
         folder=Path(),
     )
@@ -349,7 +343,7 @@ def prepare(
     Its motion is that of the kiln.
     """
     rows = Printed()
-    found, _ = choose(stored, options, rows)
+    found = choose(stored, options, rows)
     lance, wall = _geometry(stored, rows)
     joined = options.post_processing
     if joined is None:

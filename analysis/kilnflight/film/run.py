@@ -82,7 +82,7 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     (['frame', 'row', 'col', 'radius_px'], 16)
     """
     rows: Rows = []
-    run, _ = choose(open_any(source), Options(**options), rows)
+    run = choose(open_any(source), Options(**options), rows)
     for what, text in rows:
         if what == "warning":
             warnings.warn(text, stacklevel=2)
