@@ -196,7 +196,13 @@ class FileTable:
         self, path: Path, size: tuple[int, ...], number: int
     ) -> dict[str, Anything]:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
-        array = real_numbers(self._read(path, number), str(path))
+        return self.points_of(self._read(path, number), size, path)
+
+    def points_of(
+        self, values: Anything, size: tuple[int, ...], path: Path
+    ) -> dict[str, Anything]:
+        """Return what `read_points` does, of the values that a file holds."""
+        array = real_numbers(values, str(path))
         if self.form in ("grid", "stack"):
             if array.shape == (size[0] * size[1], 3):
                 lines_first = size if self.order == "row col" else size[::-1]

@@ -6,6 +6,7 @@ What the values of the first files decide is written down: unit, order of rows a
 columns, direction of y and z, classes. Other lines end with a question.
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,8 @@ import numpy as np
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
-from kilnflight.recording.manifest import SUBSET, TABLES
+from kilnflight.recording.manifest import ORDERS, SUBSET, TABLES, FileTable
 from kilnflight.recording.readers import (
-    Anything,
     find_subsets,
     read_array,
     variables,
@@ -136,33 +136,31 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
         form = "grid"
     xyz = array[..., -3:].reshape(-1, 3)
     invalid = _invalid(xyz[:, 2])
-    known = np.isfinite(xyz).all(axis=1) & (xyz[:, 2] != 0)
-    if invalid != "nan":
-        known &= xyz[:, 2] != invalid
-    xyz = xyz[known]
     index = None
     if form == "cloud":
         index = _index_of(series, len(series.first))
         form = "indexed" if index else "cloud"
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
-    lines += _depth_lines(np.median(xyz[:, 2]) if len(xyz) else np.inf)
+    lines += _depth_lines(xyz, invalid)
     if form == "cloud":
         question = "# ? a lens of 85 mm over pixels of 11 um, in the middle"
         lines.append(f"focal_length_px = {FOCAL_LENGTH_PX:.1f}  {question}")
         return [*lines, 'y = "up"  # ? or "down"']
+    origin = 0
     if index:
         lines.append(f'index = "{index}"')
-        number = read_array(series.files[0], index).ravel().astype(np.int64) - 1
-        pairs = _numbered_pairs(number, size)
-    else:
-        pairs = _pixel_pairs(array, form, size)
-    fits = {
-        order: _follow(row[known], col[known], xyz)
-        for order, (row, col) in pairs.items()
-    }
-    order = max(fits, key=lambda name: sum(map(abs, fits[name])))
-    down, _ = fits[order]
-    unsure = "" if sum(map(abs, fits[order])) > SURE else "  # ? x, y and pixels differ"
+        origin = 1
+    fits = {}
+    for order in ORDERS:
+        table = FileTable(
+            "", form=form, order=order, index=index, invalid=invalid, origin=origin
+        )
+        with suppress(InputError):  # its shape is that of the other order
+            points = table.points_of(series.first, size, series.files[0])
+            fits[order] = _follow(points["pixels"], points["xyz"])
+    order = max(fits, key=lambda name: sum(map(abs, fits[name])), default=ORDERS[0])
+    down, right = fits.get(order, (0.0, 0.0))
+    unsure = "" if abs(down) + abs(right) > SURE else "  # ? x, y and pixels differ"
     lines.append(f'order = "{order}"{unsure}')
     lines.append(f'y = "{"down" if down > 0 else "up"}"{unsure}')
     if form == "points":
@@ -172,8 +170,12 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     return lines
 
 
-def _depth_lines(depth: float) -> list[str]:
-    """Return the lines of a manifest that a median depth decides."""
+def _depth_lines(xyz: Any, invalid: float | str) -> list[str]:
+    """Return the lines of a manifest that the median depth (n, 3) decides."""
+    known = np.isfinite(xyz).all(axis=1) & (xyz[:, 2] != 0)
+    if invalid != "nan":
+        known &= xyz[:, 2] != invalid
+    depth = np.median(xyz[known, 2]) if known.any() else np.inf
     line = 'unit = "mm"'
     if abs(depth) < METRES_BELOW:
         line = 'unit = "m"'
@@ -193,39 +195,16 @@ def _index_of(series: Series, count: int) -> str | None:
     return None
 
 
-def _numbered_pairs(number: Any, size: tuple[int, int]) -> dict[str, tuple[Any, Any]]:
-    """Return row and col (n,) of pixels by their number, by the order that is meant."""
-    row, col = np.divmod(number, size[1])
-    other_col, other_row = np.divmod(number, size[0])
-    return {"row col": (row, col), "col row": (other_row, other_col)}
-
-
-def _pixel_pairs(
-    array: Anything, form: str, size: tuple[int, int]
-) -> dict[str, tuple[Any, Any]]:
-    """Return row and col (n,) of each coordinate, by the order that is possible."""
-    if form == "points":
-        first, second = array[:, :2].T
-    elif array.ndim == 3:
-        first, second = np.indices(array.shape[:2]).reshape(2, -1)
-    else:
-        return _numbered_pairs(np.arange(len(array)), size)
-    pairs = {"row col": (first, second), "col row": (second, first)}
-    if array.ndim == 3 and array.shape[:2] != size:
-        del pairs["row col"]
-    elif array.ndim == 3 and size[0] != size[1]:
-        del pairs["col row"]
-    return pairs
-
-
-def _follow(row: Any, col: Any, xyz: Any) -> tuple[float, float]:
+def _follow(pixels: Any, xyz: Any) -> tuple[float, float]:
     """Return the correlations of y/z with the row and of x/z with the column.
 
-    Both are near 1 or -1 in a picture of a camera, whatever the depths; none is 0.
+    Both are near 1 or -1 in a picture of a camera, whatever the depths.
     """
-    if len(xyz) < LEAST_POINTS:
+    known = np.isfinite(xyz).all(axis=1) & (xyz[:, 2] != 0)
+    if known.sum() < LEAST_POINTS:
         return 0.0, 0.0
-    x, y, z = xyz.T
+    row, col = pixels[known].T
+    x, y, z = xyz[known].T
     down = np.corrcoef(row, y / np.abs(z))[0, 1]
     right = np.corrcoef(col, x / np.abs(z))[0, 1]
     return down, right
@@ -238,8 +217,7 @@ def check_frame_fits(frame: Frame, where: str) -> None:
     """
     xyz = np.asarray(frame.xyz, float)
     if len(xyz) >= LEAST_POINTS:
-        row, col = frame.pixels.T
-        down, right = _follow(row, col, xyz)
+        down, right = _follow(frame.pixels, xyz)
         line = ""
         if _invalid(xyz[:, 2]) != "nan":
             line = "many points have one depth; set invalid"
