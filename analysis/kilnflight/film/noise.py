@@ -118,7 +118,7 @@ def area_threshold(recording: Recording) -> float:
     noise = []
     for t in spread(len(recording), 5):
         steps = np.abs(np.diff(recording.gray(t).astype(float), axis=1))
-        noise.append(float(np.median(steps)) * PER_DEVIATION / np.sqrt(2))
+        noise.append(np.median(steps) * PER_DEVIATION / np.sqrt(2))
     return float(f"{max(4 * np.median(noise), 1.0):.3g}")
 
 

@@ -132,6 +132,7 @@ class FileTable:
         where = f"[{name}] "
         _check_keys(given, known=KEYS[name], needed=["pattern"], where=where)
         table = cls(**given)
+        length = table.focal_length_px
         fits = {
             "pattern": isinstance(table.pattern, str),
             "form": table.form in FORMS[name],
@@ -142,7 +143,8 @@ class FileTable:
             "unit": table.unit in tuple(MM_PER_UNIT),
             "origin": table.origin in (0, 1),
             "classes": _are_classes(table.classes, table.form),
-            "focal_length_px": _is_focal_length(table),
+            "focal_length_px": type(length) in (int, float)
+            and (length > 0) == (table.form == "cloud"),
             "index": isinstance(table.index, str) == (table.form == "indexed"),
             "columns": table.columns is None or table.places() is not None,
         }
@@ -285,9 +287,8 @@ class FileTable:
             array = np.insert(array, 0, number, axis=1)
         check_shape(array, (None, 4), str(path))
         table = pd.DataFrame(array, columns=["frame", *self.order.split(), "class"])
-        return table.assign(
-            row=table["row"] - self.origin, col=table["col"] - self.origin
-        )
+        table[["row", "col"]] -= self.origin
+        return table
 
     def _painted(self, path: Path, size: tuple[int, ...], number: int) -> Picture:
         """Return the classes of the pixels that a table lists; all others are wall."""
@@ -314,13 +315,6 @@ class FileTable:
             unknown = given[labels.isna().argmax()]
             raise InputError(f"{path}: class {unknown:g} is not in classes. Add it.")
         return labels.to_numpy().astype(np.uint8)
-
-
-def _is_focal_length(table: FileTable) -> bool:
-    """Return whether a focal length is given where it is needed, and only there."""
-    value = table.focal_length_px
-    needed = table.form == "cloud"
-    return type(value) in (int, float) and (value > 0) == needed
 
 
 def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:

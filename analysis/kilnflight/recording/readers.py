@@ -294,7 +294,7 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
         If there is none, or the numbers do not ascend.
     """
     place, text = _split(pattern, folder)
-    endings: tuple[str, ...] = ("",)
+    endings: Any = ""
     if text == ".":
         text = "*"
         endings = PICTURES
@@ -344,7 +344,7 @@ def find_subsets(pattern: str, folder: Path) -> list[str]:
     form = form.replace(r"\{subset\}", "(?P<subset>[^/]+?)", 1)
     form = form.replace(r"\{subset\}", "(?P=subset)")
     names = _names(text.replace("FRAME", "*").replace("{subset}", "*"), place)
-    fitting = [re.fullmatch(form, Path(name).as_posix()) for name in names]
+    fitting = [re.fullmatch(form, name) for name in names]
     found = sorted({match["subset"] for match in fitting if match})
     if not found:
         raise InputError(f"{folder / pattern}: no file fits the pattern.")

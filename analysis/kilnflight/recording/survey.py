@@ -252,10 +252,9 @@ def _invalid(depth: Any) -> float | str:
     if np.isnan(depth).any():
         return "nan"
     values, counts = np.unique(depth, return_counts=True)
-    most = counts.argmax()
-    value = values[most]
+    value = values[counts.argmax()]
     none = value == 0 or value < 0 < values[-1] or abs(value) >= LARGEST_DEPTH
-    if none and counts[most] > SHARED * len(depth):
+    if none and counts.max() > SHARED * len(depth):
         return value
     return "nan"
 
