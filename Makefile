@@ -58,7 +58,7 @@ data: $(VENV)/installed ## fetch the authors' public data (optional; needs a net
 	@$(RUN) tools/fetch.py $(if $(filter all,$(PARTS)),--all) && mkdir -p build && touch build/external.txt
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" tests analysis
-faults: $(VENV)/installed ## try some 10,000 faults of input, and count what becomes of them
+faults: $(VENV)/installed ## try some 34,000 faults of input and of runs (an hour), and count what becomes of them
 	@PYTHONPATH=. $(RUN) tests/faults/test_faults.py
 check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports

@@ -561,8 +561,13 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
     if empty or tif.filehandle.read(4) != bytes(4):
         raise ValueError("it ends within its pages")
     page: Any = tif.pages.first
-    if "\0" in page.description:  # it may state the number of frames
-        raise ValueError("its description holds zeros")
+    last: Any = tif.pages[-1].aspage()
+    tif.filehandle.seek(last.offset)
+    number = tif.filehandle.read(tif.tiff.tagnosize)
+    stated = np.frombuffer(number, tif.tiff.tagnoformat)
+    # a description may state the number of frames, a last page that none follow
+    if "\0" in page.description or len(last.tags) < stated:
+        raise ValueError("its description or its last page holds zeros")
     series = tif.series[0]
     if series.kind == "ome" and None in [*series]:  # tifffile would read 0
         lost = {*re.findall(r'FileName="([^"]+)', f"{tif.ome_metadata}")}
