@@ -64,7 +64,7 @@ def moving(particles, frames=6, step=(0.0, 2.0)):
 
 def run(film, folder, **options):
     """Run a film with settings that need little time; return its tables."""
-    settings = {"threshold": 20, "background": "none"} | options
+    settings = {"threshold": 5, "background": "none"} | options
     with contextlib.redirect_stdout(io.StringIO()):
         return kilnflight.run(film, folder, **settings)
 

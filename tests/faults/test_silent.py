@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 
 import kilnflight
 from kilnflight.__main__ import main
@@ -291,6 +292,10 @@ def test_a_word_or_number_is_no_yes(word):
         kilnflight.track(table, post_processing=word)
     with pytest.raises(InputError):
         kilnflight.detect(MOVED, dark=word)
+    with pytest.raises(InputError):
+        kilnflight.detect(MOVED, progress=word)
+    with pytest.raises(InputError):
+        open_any(MOVED, timed=word)
 
 
 def test_an_hdf5_film_is_read_frame_by_frame(folder):
@@ -316,3 +321,72 @@ def test_no_memory_is_told_in_one_line(folder, monkeypatch, capsys):
         main(["run", "a.npy"])
     (line,) = capsys.readouterr().err.splitlines()
     assert "memory" in line
+
+
+def test_an_edited_stack_is_read_anew(folder):
+    """Also within one session, where arrays of files are kept."""
+    tables = folder / "m.toml"
+    tables.write_text(
+        'name = "s"\nframe_rate_hz = 1.0\n[gray]\npattern = "a.mat"\nform = "stack"\n'
+    )
+    scipy.io.savemat("a.mat", {"g": np.moveaxis(MOVED, 0, -1)})
+    before = open_any(tables)
+    np.testing.assert_array_equal(before.gray(2), MOVED[2])
+    known = before.content()
+    scipy.io.savemat("a.mat", {"g": np.moveaxis(MOVED[:, ::-1], 0, -1)})
+    assert before.content() != known
+    for recording in (before, open_any(tables)):
+        np.testing.assert_array_equal(recording.gray(2), MOVED[2, ::-1])
+
+
+@pytest.mark.parametrize("pattern", ["m/{class}/{frame}.png", "{frame}-{class}.png"])
+@pytest.mark.parametrize("names", [("1", "2"), ("p", "g")])
+def test_a_class_is_found_where_its_name_stands_elsewhere(folder, pattern, names):
+    for frame in range(1, 4):
+        cv2.imwrite(str(folder / f"gray_{frame}.tif"), NOISE[frame])
+        for k, name in enumerate(names):
+            path = folder / pattern.format(**{"frame": frame, "class": name})
+            path.parent.mkdir(parents=True, exist_ok=True)
+            mask = np.zeros((24, 32), np.uint8)
+            mask[frame, 10 * k : 10 * k + 5] = 1
+            cv2.imwrite(str(path), mask)
+    classes = ", ".join(f'"{name}" = {k + 2}' for k, name in enumerate(names))
+    (folder / "m.toml").write_text(
+        'name = "s"\nframe_rate_hz = 1.0\n[gray]\npattern = "gray_{frame}.tif"\n'
+        f'[labels]\npattern = "{pattern}"\nform = "masks"\nclasses = {{ {classes} }}\n'
+    )
+    recording = open_any("m.toml")
+    for t in range(3):
+        labels = recording.frame(t).labels
+        assert np.argwhere(labels).tolist() == [
+            [t + 1, k] for k in (*range(5), *range(10, 15))
+        ]
+        assert set(labels[t + 1]) == {0, 2, 3}
+
+
+def test_an_edited_recording_is_not_copied(folder):
+    stored = write_recording(open_any(NOISE), "a.zarr")
+    one, other = (stored.path / f"gray/c/{t}/0/0" for t in (1, 3))
+    content = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+    with pytest.raises(InputError, match="changed"):
+        write_recording(open_any("a.zarr"), "b.zarr")
+    assert not (folder / "b.zarr").exists()
+
+
+@pytest.mark.parametrize("name", ["to", "to/parts"])
+def test_a_file_in_place_of_a_folder_is_named(folder, name):
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    with pytest.raises(InputError, match="to"):
+        kilnflight.run(MOVED, "to")
+    assert path.read_text() == "mine"
+
+
+def test_a_damaged_name_of_the_film_is_no_traceback(folder):
+    kilnflight.run(MOVED, "to")
+    (folder / "to/parts/recording.txt").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="to"):
+        kilnflight.run(MOVED, "to")

@@ -81,6 +81,7 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     >>> found.columns[:4].tolist(), found["frame"].nunique()
     (['frame', 'row', 'col', 'radius_px'], 16)
     """
+    check_flags("progress", progress)
     rows: Rows = []
     run = choose(open_any(source), Options(**options), rows)
     for what, text in rows:
@@ -303,7 +304,12 @@ def _stored(
     A file in ``parts`` says of which recording the target is.
     """
     folder = target / "parts"
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{target}: cannot be a folder ({error.strerror}). Name another one."
+        ) from error
     owner = folder / "recording.txt"
     content = recording.content()
     copy = folder / f"recording-{content}.zarr"
@@ -330,7 +336,7 @@ def _check_own(target: Path, owner: Path, content: str) -> None:
     """Raise an `InputError` if files would be replaced that are not of this film."""
     told = ""
     if owner.exists():
-        if owner.read_text() != content:
+        if owner.read_bytes() != content.encode():
             told = "a run of another film, or of this one before it changed"
     else:
         for name in WRITTEN:

@@ -112,6 +112,7 @@ from kilnflight.recording.readers import (
     PictureFiles,
     find_file,
     find_subsets,
+    forget,
     number_files,
     open_images,
 )
@@ -234,6 +235,7 @@ class FileRecording:
 
         Of files the names and the bytes count, of arrays in memory the values.
         """
+        forget()
         tables = [part.table for part in self.parts]
         stated = f"{self}{self.attributes.stated}{[*self.numbers]}{tables}"
         digest = hashlib.sha256(stated.encode() + self.seen.tobytes())
@@ -366,6 +368,7 @@ def _put_together(
 
     ``span`` are the first and the last number of its frames.
     """
+    forget()
     least, most = span
     others = dict(tables)
     gray = others.pop("gray")

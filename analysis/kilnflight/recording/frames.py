@@ -19,6 +19,7 @@ from kilnflight.checks import (
     LARGEST_WHOLE,
     InputError,
     check_finite,
+    check_flags,
     check_number,
     check_shape,
 )
@@ -128,6 +129,7 @@ class Attributes:
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"
+        check_flags(f"{where}, timed", self.timed)
         for key in ("rows", "columns", "frame_rate_hz", "pressure_bar", "um_per_px"):
             value = getattr(self, key)
             if value is not None:

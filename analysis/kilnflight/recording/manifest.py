@@ -158,8 +158,11 @@ class FileTable:
         if self.form != "masks":
             return [path]
         first, *_ = self.classes
-        parts = str(path).rsplit(first, 1)
-        return [Path(name.join(parts)) for name in self.classes]
+        text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(self.pattern)))
+        form = re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
+        between = f"){re.escape(first)}(".join(form.split(re.escape(CLASS)))
+        place, *parts = re.split(f"({between})$", str(path))[:-1]
+        return [Path(place + name.join(parts)) for name in self.classes]
 
     def of_subset(self, name: str) -> Self:
         """Return the table of one subset, for patterns with `SUBSET`."""

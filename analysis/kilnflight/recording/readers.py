@@ -204,6 +204,7 @@ def open_images(
     facts
         Attributes that the files state, with ``notes`` and a film's ``length``.
     """
+    forget()
     path = folder / pattern
     if path.is_file():
         if path.suffix.lower() in FILMS:
@@ -223,7 +224,6 @@ def open_images(
     elif facts.get("length", 1) == 1:
         return PictureFiles(paths, key), [*files], facts
     facts["notes"].append(f"{len(files)} files with pages are one film")
-    read_pages.cache_clear()  # a file may be another one now
     paths = [path for path in paths for _ in read_pages(path)]
     return Pages(paths), range(len(paths)), facts
 
@@ -395,6 +395,12 @@ read_pages = lru_cache(maxsize=1)(read_stack)  # pages are asked for one by one
 def read_layers(path: Path, key: Key) -> Anything:
     """Read an array whose last axis counts frames, once for all of them."""
     return read_array(path, key)
+
+
+def forget() -> None:
+    """Forget what was read of files, which may be others now."""
+    read_pages.cache_clear()
+    read_layers.cache_clear()
 
 
 def variables(path: Path) -> dict[Key, Anything]:

@@ -246,6 +246,8 @@ def write_recording(
     [2, 3]
     """
     path = Path(path)
+    if isinstance(recording, StoredRecording):
+        recording.content()  # refused where it was changed after it was written
     if frames is None:
         frames = range(len(recording))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ def _read_boxes(text: str) -> DataFrame:
     return table.replace({"particle": {-1: np.nan}})
 
 
-def read_table(path: Path) -> DataFrame:
+def read_table(path: Path | str) -> DataFrame:
     r"""Read a table of detections or tracks, in any order of columns.
 
     Parameters
@@ -136,6 +136,7 @@ def read_table(path: Path) -> DataFrame:
     >>> read_table(path)["col"].tolist()
     [7.5, 9.5]
     """
+    path = Path(path)
     try:
         if path.suffix == ".parquet":
             table = pd.read_parquet(path, page_checksum_verification=True)
