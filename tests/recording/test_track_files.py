@@ -262,3 +262,14 @@ def test_a_table_of_100_000_columns_is_refused(read, separator, tmp_path):
     path.write_text("\n".join([*lines, ""]))
     with pytest.raises(InputError, match=r"wide\.csv"):
         read(path)
+
+
+def test_text_between_the_tags_of_xml_is_a_lost_detection(tmp_path):
+    tracks = pd.DataFrame({"frame": [0, 1], "particle": 0, "row": 1.0, "col": 2.0})
+    path = tmp_path / "t.xml"
+    write_table(tracks, path, "challenge")
+    text = path.read_text()
+    at = text.rindex("<detection")
+    path.write_text(f"{text[:at]}}}{text[at + 1 :]}")
+    with pytest.raises(InputError, match="text"):
+        read_table(path)

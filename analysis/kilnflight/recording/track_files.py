@@ -88,6 +88,8 @@ def _read_xml(text: str) -> DataFrame:
     root = ElementTree.fromstring(text)
     if root.tag not in ("root", "Tracks"):
         raise InputError(f"XML of {root.tag}; in TrackMate: Export tracks to XML file")
+    if "".join(root.itertext()).strip():
+        raise InputError("it holds text between its tags")
     rows = []
     for number, track in enumerate(root.iter("particle")):
         rows += [place.attrib | {"particle": number} for place in track]
