@@ -247,7 +247,7 @@ def walk(particles: int, seen: float) -> pd.DataFrame:
 
 
 def by_trackpy(tracks: pd.DataFrame) -> float:
-    """Return D of a quarter of the slope of trackpy's ensemble, ten lags."""
+    """Return a quarter of the slope of trackpy's ensemble over ten lags."""
     still = trackpy.subtract_drift(tracks.rename(columns={"row": "y", "col": "x"}))
     squares = trackpy.emsd(still, mpp=1, fps=1, max_lagtime=10)
     return float(np.polyfit(squares.index, squares, 1)[0] / 4)

@@ -155,17 +155,16 @@ def check_whole(values: Any, where: str) -> Whole:
 
 
 class Range(NamedTuple):
-    """Limits of a number: those that it may be, and those that it may not."""
+    """Limits of a number: those that it may be, those that it may not, and infinity."""
 
     least: float = -math.inf
     most: float = math.inf
     above: float = -LARGEST
-    below: float = LARGEST  # NaN: it may be infinite
+    below: float = LARGEST
+    infinite: bool = False  # whether it may be infinite
 
 
-def check_number(
-    value: Any, where: str, *, whole: bool = False, **limits: float
-) -> Any:
+def check_number(value: Any, where: str, *, whole: bool = False, **limits: Any) -> Any:
     """Return ``value`` as a number of Python.
 
     Parameters
@@ -190,13 +189,15 @@ def check_number(
     fits = (
         type(value) in (int, float)
         and allowed.least <= value <= allowed.most
-        and not (value <= allowed.above or value >= allowed.below)
+        and (allowed.above < value < allowed.below)
     )
+    if allowed.infinite and type(value) is float and value == math.inf:
+        return value
     if fits and not (whole and value % 1):
         return int(value) if whole else value
     rules = ["a whole number" if whole else "a number"]
     for word, limit in zip(
-        ("at least", "at most", "above", "below"), allowed, strict=True
+        ("at least", "at most", "above", "below"), allowed[:4], strict=True
     ):
         if abs(limit) < LARGEST:
             rules.append(f"{word} {limit:g}")
@@ -207,7 +208,7 @@ def check_number(
 Number = Annotated[float, Range()]
 Positive = Annotated[float, Range(above=0)]
 NotNegative = Annotated[float, Range(least=0)]
-Unlimited = Annotated[float, Range(least=0, below=math.nan)]  # also infinite
+Unlimited = Annotated[float, Range(least=0, infinite=True)]
 Share = Annotated[float, Range(least=0, most=1)]
 Count = Annotated[int, Range(least=1, most=1e9)]
 CountFrom0 = Annotated[int, Range(least=0, most=1e9)]

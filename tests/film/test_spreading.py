@@ -198,3 +198,16 @@ def test_diffusion_of_a_film_is_that_of_its_walks():
         fit_spreading(square_displacements(each)).diffusion for each in (truth, tracks)
     )
     assert found == pytest.approx(right, rel=0.05)
+
+
+def test_a_rare_turn_widens_the_gate_and_a_usual_one_does_not():
+    frame = np.arange(200)
+    rng = np.random.default_rng(5)
+    noise = rng.normal(0, 0.05, (2, 200))
+    col = np.where(frame < 100, 2.0 * frame, 398.0 - 2.0 * frame)
+    usual, rare = (
+        motion_of(pd.DataFrame({"frame": frame, "row": noise[0], "col": along}))
+        for along in (2.0 * frame + noise[1], col + noise[1])
+    )
+    assert usual.noise < 0.2
+    assert 4 * rare.noise > 2.0  # gate of four deviations, turns of 2 px

@@ -325,7 +325,7 @@ class LateralModel(_Model, ABC):
         self._check_calibrated()
         names = ("y", "velocity_y_mm_s", "acceleration_y_mm_s2")
         y, velocity, acceleration = _take(last, "last", *names)
-        time = check_finite(remaining_s, "remaining_s", y.shape, True, np.inf)
+        time = check_finite(remaining_s, "remaining_s", y.shape, gaps=True, most=np.inf)
         check_number(np.fmin.reduce(time, initial=0.0), "remaining_s", least=0)
         return y + self._displacement(time, velocity, acceleration)
 

@@ -60,7 +60,7 @@ def predict_arrivals(
         arrival, one before the last observation, or one after ``most_s``. So is the
         place, except that of `Straight`.
     """
-    check_number(most_s, "most_s", least=0, below=np.nan)
+    check_number(most_s, "most_s", least=0, infinite=True)
     time = arrival(last, target_mm)
     seen = np.asarray(last["time_s"])
     time = np.where((time >= seen) & (time - seen <= most_s), time, np.nan)

@@ -22,6 +22,7 @@ NEAR_PX = 2.0  # differences of positions that count as one step
 PAIRS = 60  # pairs of consecutive pictures; more take longer and change nothing
 OF_90_PERCENT = 2.15  # standard deviations, of a distance in two dimensions
 OF_99_PERCENT = 3.03
+MOST_LINKS = 20_000  # in which the largest turn is looked for, to save time
 FAR = 4.0  # times a change of step, neighbours are not mistaken; choice
 LEAST_PX = 0.1  # no spread is taken smaller
 NONE = np.empty((0, 2))
@@ -50,6 +51,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     places = {each.frame: each.positions for each in read_detections(detections)}
     every = np.array([t for t in sorted(places) if t + 1 in places], int)
     starts = every[:: 1 + len(every) // PAIRS]
+    more = every[:: 1 + len(detections) // MOST_LINKS]
     reach = min(REACH * _width(places), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
     steps, changes = _links(places, starts, flow, limit)
@@ -70,7 +72,9 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     velocity = tuple(flow.round(2).tolist())
     if not inert:
         return Wandering(velocity, (_place_error(first), 1e-3), first)
-    change = max(change, _largest_turn(places, every, flow, neighbour_px(detections)))
+    turn = _largest_turn(places, more, flow, neighbour_px(detections))
+    if turn > 2 * change:  # the gate takes what is less
+        change = turn
     change = min(_rounded(change), first)
     return Motion(velocity, (_place_error(change), first), change)
 
@@ -126,16 +130,16 @@ def _links(
 def _largest_turn(
     places: Mapping[int, Array], starts: Integers, flow: Array, between: float
 ) -> float:
-    """Return the spread of steps that a bouncing particle needs; 0 where it is crowded.
+    """Return the noise whose gate takes the largest turn; 0 where it is crowded.
 
     ``between`` is the distance of neighbours in px. Where they are so far apart, the
-    largest change of a step is no false link.
+    largest change of a step, as of a particle that bounces, is no false link.
     """
     _, changes = _links(places, starts, flow, between / FAR)
     largest = np.hypot(*changes.T).max(initial=0.0)
     if FAR * largest > between:
         return 0.0
-    return largest / OF_99_PERCENT
+    return largest / Gate().distance
 
 
 def _rounded(spread: float) -> float:

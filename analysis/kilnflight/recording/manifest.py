@@ -154,7 +154,7 @@ class FileTable:
         return table
 
     def files(self, path: Path) -> list[Path]:
-        """Return the files of a frame, of which ``path`` is the first."""
+        """Return the files of one frame: all its masks, or ``path`` alone."""
         if self.form != "masks":
             return [path]
         first, *_ = self.classes

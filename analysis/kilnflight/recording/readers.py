@@ -85,7 +85,10 @@ class PictureFiles:
         file = self.files[t]
         picture = read_array(file, self.key)
         if picture.ndim == 3 and picture.shape[2] > 4:  # no colours
-            raise InputError(f"{file}: {len(picture)} pages, the first has 1. Part it.")
+            raise InputError(
+                f"{file}: {len(picture)} pages, but the first file has one. Save each "
+                "frame as a file, or all as one."
+            )
         return picture
 
 
@@ -267,19 +270,19 @@ def _stated(path: Path) -> tuple[Facts, str]:
 
 
 def _split(pattern: str, folder: Path) -> tuple[Path, str]:
-    """Return the folders of a pattern that exist, which are none, and the rest.
+    """Return the folder of a pattern that exists, and the rest, which is a pattern.
 
     FRAME stands for the number of a frame.
     """
     place = folder / pattern
-    while not place.is_dir():
+    while not place.is_dir() and place != place.parent:
         place = place.parent
     rest = str((folder / pattern).relative_to(place))
     return place, re.sub(r"\{frame[^}]*\}", "FRAME", rest)
 
 
 def _names(pattern: str, place: Path) -> list[str]:
-    """Return the names that fit a pattern; a file that exists is none."""
+    """Return the names that fit a pattern; a file that exists is not a pattern."""
     if (place / pattern).is_file():
         return [pattern]
     return glob.glob(pattern, root_dir=place)
