@@ -324,7 +324,9 @@ def displays(code: str) -> bool:
     *_, last = ast.parse(code).body or [None]
     if not isinstance(last, ast.Expr) or isinstance(last.value, ast.Constant):
         return False
-    return not re.search(r"(save|conclude|append|insert|Markdown)\(", ast.unparse(last))
+    return not re.search(
+        r"(save|conclude|append|insert|Markdown|make_whole)\(", ast.unparse(last)
+    )
 
 
 def linked(text: str, folder: str = "") -> str:

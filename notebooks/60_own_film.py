@@ -224,7 +224,7 @@ if name in drawn:
 shown
 
 # %% [markdown]
-# ## How right a diffusion constant is
+# ## How right D is
 #
 # Walks of 60 frames with a common drift have a diffusion constant of 0.5 px² a frame.
 # In the last rows 30 % of their positions are missing. trackpy takes the mean step of a
@@ -275,7 +275,7 @@ figures.save(
 )
 
 # %% [markdown]
-# ## How right it is
+# ## How right the detections are
 #
 # Of the simulated film the positions that a person would mark are known. A detection
 # within 20 px of one in the air is right.
