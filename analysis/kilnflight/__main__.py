@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         options.function(options)
     # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
-    except (ValueError, OSError, MemoryError, KeyboardInterrupt) as error:
+    except (ValueError, OSError, ImportError, MemoryError, KeyboardInterrupt) as error:
         reason = "no memory is left. Close other programs, or take fewer --frames"
         if not isinstance(error, MemoryError):
             reason = str(error) or "stopped"

@@ -334,8 +334,8 @@ def make_tables(
     InputError
         If something cannot be read or written, or a worker writes to another folder.
     """
-    if workers is None or isinstance(workers, int):
-        workers = Workers(workers or 1)
+    if not callable(workers):
+        workers = Workers(1 if workers is None else workers)
     chunks = []
     for run in runs:
         chunks += [Piece(run, frames, len(frames)) for frames in run.detection.chunks]

@@ -4,6 +4,7 @@ One test for each kind: corrected manifests, values that were never written, res
 others, flipped bits, names with brackets.
 """
 
+import hashlib
 import json
 import os
 import tracemalloc
@@ -15,12 +16,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+import zarr
 
 import kilnflight
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
 from kilnflight.recording import files
-from kilnflight.recording.files import open_any
+from kilnflight.recording.files import WHITE, open_any
 from kilnflight.recording.frames import Attributes
 from kilnflight.recording.manifest import FileTable
 from kilnflight.recording.store import open_recording, write_recording
@@ -160,13 +162,27 @@ def test_a_folder_holds_the_run_of_one_film(folder):
     for name, film in (("a.zarr", MOVED), ("b.zarr", MOVED[::-1])):
         write_recording(open_any(film), name)
     kilnflight.run("a.zarr", "results")
-    (folder / "results/slices.parquet").write_bytes(b"of an earlier run")
+    earlier = b"of an earlier run"
+    (folder / "results/slices.parquet").write_bytes(earlier)
+    with (folder / "results/parts/recording.txt").open("a") as known:
+        known.write("\n" + hashlib.sha256(earlier).hexdigest())
     (folder / "results/mine.txt").write_text("mine")
     with pytest.raises(InputError, match="results"):
         kilnflight.run("b.zarr", "results")
     kilnflight.run("a.zarr", "results", background="none")
     assert not (folder / "results/slices.parquet").exists()
     assert (folder / "results/mine.txt").exists()
+
+
+@pytest.mark.parametrize("name", ["summary.csv", "flights.parquet", "tracks.png"])
+def test_a_file_of_ones_own_in_the_folder_of_a_run_is_kept(folder, name):
+    kilnflight.run(MOVED, "results")
+    (folder / "results" / name).write_bytes(b"mine")
+    with pytest.raises(InputError, match=name):
+        kilnflight.run(MOVED, "results")
+    assert (folder / "results" / name).read_bytes() == b"mine"
+    (folder / "results" / name).unlink()
+    kilnflight.run(MOVED, "results")
 
 
 def test_a_flipped_bit_of_a_table_is_noticed(tmp_path):
@@ -370,9 +386,74 @@ def test_an_edited_recording_is_not_copied(folder):
     content = one.read_bytes()
     one.write_bytes(other.read_bytes())
     other.write_bytes(content)
+    for opens in (open_any, open_recording):
+        with pytest.raises(InputError, match="changed"):
+            opens("a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("frame_rate_hz", 20.0), ("um_per_px", 3.0), ("name", "b")]
+)
+def test_an_edited_attribute_of_a_zarr_is_refused(folder, name, value):
+    write_recording(open_any(MOVED, frame_rate_hz=10.0), "a.zarr")
+    zarr.open_group("a.zarr", mode="r+").attrs[name] = value
     with pytest.raises(InputError, match="changed"):
-        write_recording(open_any("a.zarr"), "b.zarr")
-    assert not (folder / "b.zarr").exists()
+        open_any("a.zarr")
+
+
+@pytest.mark.parametrize("value", [1e7, 1e30, -1e30, 1e99])
+def test_a_value_that_makes_all_others_one_grey_value_is_refused(value):
+    film = MOVED / 255.0
+    film[3, 5, 6] = value
+    with pytest.raises(InputError, match="frame 3"):
+        open_any(film)
+    assert open_any(np.minimum(film, 1.0).clip(0)).gray(3).max() == WHITE
+
+
+def test_whole_numbers_that_floats_skip_are_refused():
+    film = MOVED.astype(np.uint64) + 2**60
+    with pytest.raises(InputError, match="frame 0"):
+        open_any(film)
+    assert len(open_any(film - 2**60)) == len(MOVED)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"rows": -1},
+        {"length": "3"},
+        {"notes": 3},
+        {"exit_point_mm": 1.0},
+        {"fraction": np.nan},
+        {"name": "a/b"},
+    ],
+)
+def test_facts_that_cannot_be_stated_are_refused(stated):
+    with pytest.raises(InputError, match=next(iter(stated))):
+        open_any(MOVED, **stated)
+
+
+@pytest.mark.parametrize("workers", ["3", 1.5, 0, True])
+def test_workers_are_a_whole_number(folder, workers):
+    with pytest.raises(InputError, match="jobs"):
+        kilnflight.run(MOVED, "results", workers=workers)
+
+
+def test_a_mask_of_a_second_class_that_is_missing_is_named(folder):
+    recording = open_any(manifest(folder))
+    lost = next((folder / "labels").glob("*-c.png"))
+    lost.unlink()
+    with pytest.raises(InputError, match=lost.name):
+        recording.content()
+
+
+@pytest.mark.parametrize("span", ["[0.5, 2]", "[true, 3]", "['a', 'b']", "3", "[3, 1]"])
+def test_subsets_span_whole_numbers(folder, span):
+    path = manifest(folder)
+    text = path.read_text()
+    path.write_text(text.replace("[gray]", f"subsets = {{ V1 = {span} }}\n[gray]"))
+    with pytest.raises(InputError, match=path.name):
+        files.open_subsets(path)
 
 
 @pytest.mark.parametrize("name", ["to", "to/parts"])

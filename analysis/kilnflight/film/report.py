@@ -77,7 +77,6 @@ def _labelled(attributes: Attributes, pixels: Integers) -> Rows:
 
 def summarise_recording(recording: StoredRecording | FileRecording) -> Rows:
     """Read every frame once; print and return what it holds."""
-    recording.content()  # refused where it was changed after it was written
     frames = tqdm(range(len(recording)), desc="checking", unit="frame", disable=None)
     each = DataFrame([_facts(recording.frame(t)) for t in frames])
     attributes = recording.attributes

@@ -1,5 +1,6 @@
 """The steps on a recording of one's own: detect, track, or all of them."""
 
+import hashlib
 import warnings
 from collections.abc import Iterator
 from contextlib import suppress
@@ -303,7 +304,7 @@ def _stored(
 ) -> StoredRecording:
     """Return a recording as Zarr; of a film a copy in ``target``, made if missing.
 
-    The hash in ``parts/recording.txt`` says which recording the results are of.
+    ``parts/recording.txt`` has its hash and those of the files that runs wrote.
     """
     folder = target / "parts"
     try:
@@ -335,17 +336,29 @@ def _stored(
 
 
 def _check_own(target: Path, owner: Path, content: str) -> None:
-    """Raise an `InputError` if files would be replaced that are not of this film."""
+    """Raise an `InputError` if files would be replaced that no run of this film wrote.
+
+    ``owner`` lists the hashes of the film and of these files.
+    """
+    known = _read(owner).split()
     told = ""
-    if owner.exists():
-        if owner.read_bytes() != content.encode():
-            told = "a run of another film, or of this one before it changed"
-    else:
-        for name in WRITTEN:
-            if (target / name).exists():
-                told = f"a {name} that is of no run"
+    if known[:1] not in ([], [content.encode()]):
+        told = "a run of another film, or of this one before it changed"
+    for name in WRITTEN:
+        path = target / name
+        if path.exists() and _hash(_read(path)) not in known:
+            told = f"a {name} that is of no run, or was changed"
     if told:
-        raise InputError(f"{target}: has {told}. Name another folder.")
+        raise InputError(f"{target}: has {told}. Name another folder, or empty it.")
+
+
+def _read(path: Path) -> bytes:
+    """Return the content of a file; nothing of a folder, or where nothing is."""
+    return path.read_bytes() if path.is_file() else b""
+
+
+def _hash(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:
@@ -353,14 +366,20 @@ def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> 
 
     Each file is written as a whole; the tables in ``parts`` let a run continue.
     """
+    owner = folder / "parts/recording.txt"
     with locked(folder):
         old = set(WRITTEN)
+        known = _read(owner).split()
+        written = known[:1]
         for name, content in _contents(tables, recording, frames):
             clear_parts(folder / name)
+            written.append(_hash(content))
+            write_whole(owner, b"\n".join(known + written))  # also if killed here
             write_whole(folder / name, content)
             old.remove(name)
         for name in old:
             (folder / name).unlink(missing_ok=True)
+        write_whole(owner, b"\n".join(written))
 
 
 def _contents(

@@ -95,7 +95,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kilnflight.arrays import Flags
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_shape
 from kilnflight.recording.frames import (
     Attributes,
     Frame,
@@ -104,7 +104,14 @@ from kilnflight.recording.frames import (
     check_position,
     count_frames,
 )
-from kilnflight.recording.manifest import CLASS, SUBSET, FileTable, read_manifest
+from kilnflight.recording.manifest import (
+    CLASS,
+    FACTS,
+    SUBSET,
+    FileTable,
+    check_keys,
+    read_manifest,
+)
 from kilnflight.recording.readers import (
     Anything,
     Facts,
@@ -121,6 +128,8 @@ from kilnflight.recording.store import StoredRecording, open_recording
 EVERY = (0, 2**63)  # numbers of frames
 CHANNELS = ("red", "green", "blue")
 WHITE = 65_535  # largest grey value
+MOST_SPAN = 4096  # of spans of values: the usual frame keeps 16 grey values; a choice
+GIVEN = (*FACTS[:-1], "channel", "mask")  # what may be stated beside a path
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # their values are never above it
 
 
@@ -243,7 +252,7 @@ class FileRecording:
             for t in range(len(self)):
                 digest.update(self.gray(t).tobytes())
         for path in dict.fromkeys(self.files):
-            with path.open("rb") as file:
+            with _naming(path), path.open("rb") as file:
                 digest.update(path.name.encode())
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()[:12]
@@ -284,6 +293,7 @@ def open_any(source: Any, **stated: Any) -> FileRecording | StoredRecording:
     if hasattr(source, "attributes"):  # open already
         return source
     given = {name: value for name, value in stated.items() if value is not None}
+    check_keys(given, known=GIVEN)
     if isinstance(source, str | Path):
         return _open_path(Path(source), given)
     indexed = hasattr(source, "__len__") and hasattr(source, "__getitem__")
@@ -440,11 +450,12 @@ def _recording(
         notes.append(f"masked: {(~seen).mean():.3g} of the picture is not searched")
     scale = None
     if first.dtype not in SMALL_TYPES or first.max() <= 1:
+        places = [f"{where}, frame {number}" for number in numbers]
         pictures = (
-            _one_channel(images[t], channel, f"{where}, frame {number}", seen)
-            for t, number in enumerate(numbers)
+            _one_channel(images[t], channel, place, seen)
+            for t, place in enumerate(places)
         )
-        scale, told = _choose_scale(pictures)
+        scale, told = _choose_scale(pictures, places)
         notes += told
     found["rows"], found["columns"] = first.shape
     return FileRecording(
@@ -482,18 +493,31 @@ def _is_coloured(image: Anything) -> bool:
 
 
 def _choose_scale(
-    pictures: Iterable[Anything],
+    pictures: Iterable[Anything], places: Sequence[str]
 ) -> tuple[tuple[float, float] | None, list[str]]:
-    """Return the scale of a recording, and a note; None where whole values stay."""
+    """Return the scale of a recording, and a note; None where whole values stay.
+
+    Raises an `InputError` with the place of a frame beside whose values the others are
+    one grey value.
+    """
     low = math.inf
     high = -math.inf
+    spans = []
     whole = True
     for image in pictures:
-        low = min(low, float(image.min()))
-        high = max(high, float(image.max()))
+        least = float(image.min())
+        most = float(image.max())
+        low = min(low, least)
+        high = max(high, most)
+        spans.append(most - least)
         whole = whole and _is_whole(image)
     if whole and high != 1:
         return None, []
+    if max(spans) > MOST_SPAN * np.quantile(spans, 0.9, method="lower") > 0:
+        raise InputError(
+            f"{places[int(np.argmax(spans))]}: values from {low:g} to {high:g} would "
+            "make all others one grey value. Clip them, or mask these pixels."
+        )
     scale = (low, WHITE / ((high - low) or 1.0))
     return scale, [f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}"]
 
@@ -533,4 +557,6 @@ def _one_channel(
         array[~seen] = np.quantile(array[seen], 0.5, method="lower")
     if array.dtype.kind == "f":
         check_finite(array, where)
+    elif array.itemsize == 8:
+        check_finite(array, where, most=LARGEST_WHOLE)
     return array

@@ -138,9 +138,14 @@ class Attributes:
                 object.__setattr__(self, key, value)  # JSON has no numbers of numpy
         if self.lance_mm is not None:
             check_finite(self.lance_mm, f"{where}, lance_mm", (3,))
-        named = isinstance(self.name, str) and self.name.strip()
-        fits = {"name": named, "roi": self._roi_fits(where)}
-        fits["flame_roi"] = self._flame_roi_fits(where)
+        fits = {
+            "name": isinstance(self.name, str)
+            and self.name.strip()
+            and "/" not in self.name,
+            "fraction": isinstance(self.fraction, str | None),
+            "roi": self._roi_fits(where),
+            "flame_roi": self._flame_roi_fits(where),
+        }
         for key, usable in fits.items():
             if not usable:
                 raise InputError(

@@ -130,7 +130,7 @@ class FileTable:
         if not isinstance(given, dict):
             raise _unusable(name, given)
         where = f"[{name}] "
-        _check_keys(given, known=KEYS[name], needed=["pattern"], where=where)
+        check_keys(given, known=KEYS[name], needed=["pattern"], where=where)
         table = cls(**given)
         length = table.focal_length_px
         fits = {
@@ -331,20 +331,16 @@ def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
     text = path.read_text("utf-8-sig")[:LONGEST]
     facts = tomllib.loads(text.replace("\\", "/"))
     needed = ("name", "frame_rate_hz", "gray")
-    _check_keys(facts, known=(*FACTS, *TABLES), needed=needed)
+    check_keys(facts, known=(*FACTS, *TABLES), needed=needed)
     tables = {
         name: FileTable.from_toml(facts.pop(name), name)
         for name in TABLES
         if name in facts
     }
-    for key in ("name", "fraction"):
-        if not isinstance(facts.get(key, ""), str):
-            raise _unusable(key, facts[key])
     for name, span in dict(facts.get("subsets", {})).items():
-        if len(span) != 2 or not 0 <= span[0] <= span[1]:
+        whole = all(type(number) is int for number in span)
+        if not whole or len(span) != 2 or not 0 <= span[0] <= span[1]:
             raise _unusable(f"subsets: {name}", span)
-    if "/" in facts["name"]:  # folders are named by it
-        raise _unusable("name", facts["name"])
     return facts, tables
 
 
@@ -356,10 +352,10 @@ def _are_classes(classes: Any, form: str) -> bool:
     return named and all(ours in range(len(LABELS)) for ours in classes.values())
 
 
-def _check_keys(
+def check_keys(
     given: Mapping[str, Any],
     known: Collection[str],
-    needed: Collection[str],
+    needed: Collection[str] = (),
     where: str = "",
 ) -> None:
     """Raise an `InputError` that names the first key that is missing or unknown."""

@@ -41,6 +41,7 @@ from kilnflight.store.cache import clear_parts, hidden, locked, make_whole
 
 FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 POINTS_PER_CHUNK = 65_536
+AGAIN = "Write it again; a copy in parts can be deleted."
 KINDS = {"gray": "uint16", "pixels": "int32", "xyz": "float32", "labels": "uint8"}
 POINT_NUMBERS = {"pixels": 2, "xyz": 3}
 PER_FRAME = {
@@ -117,7 +118,7 @@ class StoredRecording:
         # Codecs raise RuntimeError and ValueError on damaged bytes.
         except (RuntimeError, ValueError, OSError) as error:
             raise InputError(
-                f"{self.path}, frame {t}: its {name} is lost or damaged."
+                f"{self.path}, frame {t}: its {name} is lost or damaged. {AGAIN}"
             ) from error
 
     def content(self) -> str:
@@ -144,9 +145,7 @@ class StoredRecording:
                     digest.update(file.read())
         content = digest.hexdigest()[:12]
         if self.stated not in (None, content):
-            raise InputError(
-                f"{self.path}: was changed after it was written. Write it again."
-            )
+            raise InputError(f"{self.path}: was changed after it was written. {AGAIN}")
         return content
 
 
@@ -166,7 +165,7 @@ def open_recording(path: Path | str) -> StoredRecording:
     Raises
     ------
     InputError
-        If there is none, its writing was cut off, or it is damaged.
+        If there is none, its writing was cut off, or it is damaged or was changed.
 
     Examples
     --------
@@ -192,17 +191,19 @@ def open_recording(path: Path | str) -> StoredRecording:
         for name, right in _create({}, attributes, len(per_frame["index"])).items():
             if group[name].metadata != right.metadata:
                 raise InputError(f"its {name} is not as stated in size or layout")
-        return StoredRecording(
-            path=path,
-            attributes=attributes,
-            arrays=arrays,
-            per_frame=per_frame,
-            stated=content,
-        )
     except Exception as error:  # zarr raises anything on damaged bytes
         raise InputError(
             f"{path}: no such file, or no whole recording ({error})."
         ) from error
+    recording = StoredRecording(
+        path=path,
+        attributes=attributes,
+        arrays=arrays,
+        per_frame=per_frame,
+        stated=content,
+    )
+    recording.content()
+    return recording
 
 
 def write_recording(
@@ -246,8 +247,6 @@ def write_recording(
     [2, 3]
     """
     path = Path(path)
-    if isinstance(recording, StoredRecording):
-        recording.content()  # refused where it was changed after it was written
     if frames is None:
         frames = range(len(recording))
     path.parent.mkdir(parents=True, exist_ok=True)
