@@ -215,14 +215,17 @@ CountFrom0 = Annotated[int, Range(least=0, most=1e9)]
 
 
 class Settings:
-    """Base of frozen dataclasses whose fields are checked by their kinds."""
+    """Base of frozen dataclasses whose fields are checked by their kinds.
 
-    def __post_init__(self) -> None:
+    An error names their class, or ``what`` they are.
+    """
+
+    def __post_init__(self, what: str = "") -> None:
         settings = type(self)
         kinds = get_type_hints(settings, include_extras=True)
         for name, value in vars(self).items():
             if value is not getattr(settings, name, settings):  # the default
-                where = f"{settings.__name__}: {name}"
+                where = f"{what or settings.__name__}: {name}"
                 object.__setattr__(self, name, _checked(value, kinds[name], where))
 
 

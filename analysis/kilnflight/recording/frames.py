@@ -6,7 +6,6 @@ there are, from 0; a gap in a camera's numbers shows in `Frame.index` and
 captured, before the recording's depth calibration.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
@@ -17,9 +16,13 @@ from kilnflight.arrays import Array, ArrayLike, Gray, Integers, Picture, Single
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import (
     LARGEST_WHOLE,
+    Count,
+    CountFrom0,
     InputError,
-    check_finite,
-    check_flags,
+    NotNegative,
+    Number,
+    Positive,
+    Settings,
     check_number,
     check_shape,
 )
@@ -69,7 +72,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Attributes:
+class Attributes(Settings):
     """Facts about a whole recording; None where unknown.
 
     Parameters
@@ -114,37 +117,26 @@ class Attributes:
     """
 
     name: str
-    frame_rate_hz: float
-    rows: int
-    columns: int
+    frame_rate_hz: Positive
+    rows: Count
+    columns: Count
     fraction: str | None = None
-    pressure_bar: float | None = None
-    lance_mm: tuple[float, float, float] | None = None
-    roi: tuple[tuple[float, float], ...] | None = None
-    flame_roi: tuple[int, int, int, int] | None = None
+    pressure_bar: Positive | None = None
+    lance_mm: tuple[Number, Number, Number] | None = None
+    roi: tuple[tuple[NotNegative, NotNegative], ...] | None = None
+    flame_roi: tuple[CountFrom0, CountFrom0, CountFrom0, CountFrom0] | None = None
     depth_calibration: DepthCalibration | None = None
     notes: tuple[str, ...] = ()
-    um_per_px: float | None = field(default=None, repr=False)
+    um_per_px: Positive | None = field(default=None, repr=False)
     timed: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"
-        check_flags(f"{where}, timed", self.timed)
-        for key in ("rows", "columns", "frame_rate_hz", "pressure_bar", "um_per_px"):
-            value = getattr(self, key)
-            if value is not None:
-                whole = key in ("rows", "columns")
-                value = check_number(value, f"{where}, {key}", above=0, whole=whole)
-                object.__setattr__(self, key, value)  # JSON has no numbers of numpy
-        if self.lance_mm is not None:
-            check_finite(self.lance_mm, f"{where}, lance_mm", (3,))
+        super().__post_init__(where)
         fits = {
-            "name": isinstance(self.name, str)
-            and self.name.strip()
-            and "/" not in self.name,
-            "fraction": isinstance(self.fraction, str | None),
-            "roi": self._roi_fits(where),
-            "flame_roi": self._flame_roi_fits(where),
+            "name": self.name.strip() and "/" not in self.name,
+            "roi": self._roi_fits(),
+            "flame_roi": self._flame_roi_fits(),
         }
         for key, usable in fits.items():
             if not usable:
@@ -153,19 +145,16 @@ class Attributes:
                     f"picture of {self.size} px; rows come first."
                 )
 
-    def _roi_fits(self, where: str) -> bool:
+    def _roi_fits(self) -> bool:
         if self.roi is None:
             return True
-        roi = check_finite(self.roi, f"{where}, roi", (None, 2))
-        return len(roi) >= 3 and bool(((roi >= 0) & (roi <= self.size)).all())
+        return len(self.roi) >= 3 and bool((np.array(self.roi) <= self.size).all())
 
-    def _flame_roi_fits(self, where: str) -> bool:
+    def _flame_roi_fits(self) -> bool:
         if self.flame_roi is None:
             return True
-        edges = check_finite(self.flame_roi, f"{where}, flame_roi", (4,))
-        first, end = edges.reshape(2, 2).T
-        fits = (first >= 0) & (first < end) & (end <= self.size)
-        return bool(fits.all()) and not (edges % 1).any()
+        top, bottom, left, right = self.flame_roi
+        return top < bottom <= self.rows and left < right <= self.columns
 
     @property
     def stated(self) -> str:
@@ -188,17 +177,10 @@ class Attributes:
         )
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Self:
+    def from_json(cls, values: dict[str, Any]) -> Self:
         """Return the attributes from values of JSON or TOML; lists become tuples."""
-        given = {key: _tuples(value) for key, value in values.items()}
         calibration = read_calibration(values.get("depth_calibration"))
-        return cls(**given | {"depth_calibration": calibration})
-
-
-def _tuples(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return tuple(map(_tuples, value))
-    return value
+        return cls(**values | {"depth_calibration": calibration})
 
 
 class Recording(Protocol):
