@@ -82,7 +82,13 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
     try:
         array = np.asarray(values)
         if array.dtype == object:
-            array = _numbers_with_gaps(array)
+            from pandas import isna
+
+            cells = np.where(isna(array), np.nan, array)
+            for cell in cells.flat:
+                if isinstance(cell, bool) or not isinstance(cell, Real):
+                    raise TypeError("a cell holds text, a truth value or a list")
+            array = np.array(cells.tolist())
         # numpy would make numbers of dates and of texts, and forget a mask
         if np.ma.isMaskedArray(values):
             raise TypeError("it is masked: fill it or leave out what is hidden")
@@ -91,17 +97,6 @@ def real_numbers(values: npt.ArrayLike, where: str) -> npt.NDArray[Any]:
         return array
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: not made of numbers ({error}).") from error
-
-
-def _numbers_with_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return an array of objects as numbers, NaN where one is missing."""
-    from pandas import isna
-
-    cells = np.where(isna(array), np.nan, array)
-    for cell in cells.flat:
-        if isinstance(cell, bool) or not isinstance(cell, Real):
-            raise TypeError("a cell holds text, a truth value or a list")
-    return np.array(cells.tolist())
 
 
 def check_finite(
