@@ -24,7 +24,6 @@ from kilnflight.checks import (
     Positive,
     Settings,
     check_number,
-    check_shape,
 )
 
 LABELS = (
@@ -208,23 +207,19 @@ def check_position(t: int, length: int, name: str) -> None:
 
 
 def check_frame(frame: Frame, attributes: Attributes) -> Frame:
-    """Return the frame if its parts fit each other and the recording.
+    """Return the frame if its number and points fit the recording; shapes do already.
 
     Raises
     ------
     InputError
-        If a shape does not fit, the index is no frame number, points lie outside or
-        share a pixel, a depth cannot be calibrated, or a label has no class. It names
-        the recording and the frame.
+        If the index is no frame number, points lie outside or share a pixel, or a depth
+        cannot be calibrated. It names the recording and the frame.
     """
     where = f"recording {attributes.name}, frame {frame.index}"
     pixels = frame.pixels
     check_number(
         frame.index, f"{where}: index", least=0, most=LARGEST_WHOLE, whole=True
     )
-    shapes = {"gray": attributes.size, "pixels": (None, 2), "xyz": (len(pixels), 3)}
-    for name, shape in shapes.items():
-        check_shape(getattr(frame, name), shape, f"{where}: {name}")
     outside = ((pixels < 0) | (pixels >= attributes.size)).any(axis=1)
     twice = DataFrame(pixels).duplicated().to_numpy()
     wrong = outside | twice
@@ -237,10 +232,6 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     calibrate_points(
         frame.xyz, attributes.depth_calibration, f"{where}: captured points"
     )
-    if frame.labels is not None:
-        check_shape(frame.labels, attributes.size, f"{where}: labels")
-        largest = frame.labels.max()
-        check_number(largest, f"{where}: labels", most=len(LABELS) - 1)
     return frame
 
 
