@@ -132,10 +132,13 @@ class Attributes(Settings):
     def __post_init__(self) -> None:
         where = f"recording {self.name}"
         super().__post_init__(where)
+        roi = self.roi
+        top, bottom, left, right = self.flame_roi or (0, self.rows, 0, self.columns)
         fits = {
             "name": self.name.strip() and "/" not in self.name,
-            "roi": self._roi_fits(),
-            "flame_roi": self._flame_roi_fits(),
+            "roi": roi is None
+            or (len(roi) >= 3 and np.less_equal(roi, self.size).all()),
+            "flame_roi": top < bottom <= self.rows and left < right <= self.columns,
         }
         for key, usable in fits.items():
             if not usable:
@@ -143,17 +146,6 @@ class Attributes(Settings):
                     f"{where}: {key} cannot be used: {getattr(self, key)!r:.80} in a "
                     f"picture of {self.size} px; rows come first."
                 )
-
-    def _roi_fits(self) -> bool:
-        if self.roi is None:
-            return True
-        return len(self.roi) >= 3 and bool((np.array(self.roi) <= self.size).all())
-
-    def _flame_roi_fits(self) -> bool:
-        if self.flame_roi is None:
-            return True
-        top, bottom, left, right = self.flame_roi
-        return top < bottom <= self.rows and left < right <= self.columns
 
     @property
     def stated(self) -> str:
@@ -271,8 +263,9 @@ def count_frames(numbers: ArrayLike) -> tuple[list[int], float]:
     """
     each, place = np.unique(numbers, return_inverse=True)
     steps = np.diff(each)
-    if len(steps) == 0 or steps.min() == 1:
-        return each[place].astype(int).tolist(), 1.0
-    step = np.quantile(steps, 0.5, method="lower")  # time stamps vary
-    frames = np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
-    return frames[place].astype(int).tolist(), float(step)
+    step = 1.0
+    frames = each
+    if len(steps) and steps.min() != 1:
+        step = float(np.quantile(steps, 0.5, method="lower"))  # time stamps vary
+        frames = np.append(0, np.maximum(np.rint(steps / step), 1).cumsum())
+    return frames[place].astype(int).tolist(), step
