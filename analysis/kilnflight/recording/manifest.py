@@ -17,7 +17,14 @@ import pandas as pd
 from kilnflight.arrays import Picture
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
-from kilnflight.recording.readers import POINT, Anything, Key, read_array, read_layers
+from kilnflight.recording.readers import (
+    POINT,
+    Anything,
+    Key,
+    expression,
+    read_array,
+    read_layers,
+)
 
 FACTS = (  # attributes that a manifest states
     "name",
@@ -158,9 +165,8 @@ class FileTable:
         if self.form != "masks":
             return [path]
         first, *_ = self.classes
-        text = re.sub(r"\{frame[^}]*\}", "FRAME", str(Path(self.pattern)))
-        form = re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
-        between = f"){re.escape(first)}(".join(form.split(re.escape(CLASS)))
+        parts_of = expression(str(Path(self.pattern))).split(re.escape(CLASS))
+        between = f"){re.escape(first)}(".join(parts_of)
         place, *parts = re.split(f"({between})$", str(path))[:-1]
         return [Path(place + name.join(parts)) for name in self.classes]
 
@@ -266,19 +272,17 @@ class FileTable:
     ) -> dict[str, Anything]:
         """Read the classes (rows, cols) of Table 5.1 in frame ``number``."""
         if self.form == "table":
-            return {"labels": self._painted(path, size, number)}
-        if self.form == "masks":
-            return {"labels": self._merged(path, size)}
-        image = self._rows_first(self._read(path, number), size, path)
-        return {"labels": self._classes_of(image.ravel(), path).reshape(size)}
-
-    def _merged(self, path: Path, size: tuple[int, ...]) -> Picture:
-        """Return the classes of the pixels that masks show; ``path`` is the first's."""
-        image = np.zeros(size, np.uint8)
-        both = zip(self.files(path), self.classes.values(), strict=True)
-        for file, ours in both:
-            image[self._rows_first(read_array(file, self.key), size, file) > 0] = ours
-        return image
+            image = self._painted(path, size, number)
+        elif self.form == "masks":
+            image = np.zeros(size, np.uint8)
+            both = zip(self.files(path), self.classes.values(), strict=True)
+            for file, ours in both:
+                mask = self._rows_first(read_array(file, self.key), size, file)
+                image[mask > 0] = ours
+        else:
+            grid = self._rows_first(self._read(path, number), size, path)
+            image = self._classes_of(grid.ravel(), path).reshape(size)
+        return {"labels": image}
 
     def read_table(self, path: Path, number: int = 0) -> pd.DataFrame:
         """Read labelled pixels: ``frame``, ``row``, ``col``, ``class`` of theirs.

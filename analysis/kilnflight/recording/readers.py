@@ -4,6 +4,7 @@ import fnmatch
 import glob
 import io
 import logging
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -329,6 +330,12 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     return files
 
 
+def expression(pattern: str) -> str:
+    """Return a pattern, its subset and class aside, as a regular expression."""
+    text = re.sub(r"\{frame[^}]*\}", "FRAME", pattern)
+    return re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
+
+
 def find_file(pattern: str, folder: Path) -> Path:
     """Find the one file of a pattern."""
     place, rest = _split(pattern, folder)
@@ -343,8 +350,7 @@ def find_file(pattern: str, folder: Path) -> Path:
 def find_subsets(pattern: str, folder: Path) -> list[str]:
     """Find what stands for ``{subset}`` in the files of a pattern, in order."""
     place, text = _split(pattern, folder)
-    form = re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
-    form = form.replace(r"\{subset\}", "(?P<subset>[^/]+?)", 1)
+    form = expression(text).replace(r"\{subset\}", "(?P<subset>[^/]+?)", 1)
     form = form.replace(r"\{subset\}", "(?P=subset)")
     names = _names(text.replace("FRAME", "*").replace("{subset}", "*"), place)
     fitting = [re.fullmatch(form, name) for name in names]
@@ -530,7 +536,7 @@ def _check_written(array: h5py.Dataset) -> None:
 
 def _check_size(shape: Sequence[int]) -> None:
     """Raise an `InputError` if a picture of an array is larger than any camera's."""
-    if np.prod(sorted(shape)[-2:], dtype=np.float64) > MOST_PX:
+    if math.prod(sorted(shape)[-2:]) > MOST_PX:
         raise InputError(f"pictures of {shape} px are above {MOST_PX} px. Cut them.")
 
 
