@@ -191,13 +191,13 @@ def _together(held: Mapping[Key, Anything]) -> dict[Key, Anything]:
     return arrays
 
 
-def _join(found: Sequence[Series]) -> list[Series]:
+def _join(found: list[Series]) -> list[Series]:
     """Join series that one word tells apart, where several kinds have these words."""
     groups = defaultdict[Any, dict[str, Series]](dict)
     for series in found:
         words = re.findall(r"[^/{}.]+(?=[/.])", series.pattern)  # folders, file
         words += re.findall(r"[A-Za-z]+", series.pattern)
-        for word in dict.fromkeys(words):
+        for word in words:
             whole = rf"(?<![A-Za-z\d{{]){re.escape(word)}(?![A-Za-z\d}}])"
             pattern = re.sub(whole, SUBSET, series.pattern)
             if pattern != series.pattern:
@@ -212,7 +212,7 @@ def _join(found: Sequence[Series]) -> list[Series]:
             files = [file for part in parts for file in part.files]
             joined = replace(parts[0], pattern=pattern, files=files)
             found = [joined, *(each for each in found if each not in parts)]
-    return [*found]
+    return found
 
 
 def _pattern(names: Sequence[str], one_frame: bool) -> str:
@@ -225,7 +225,7 @@ def _pattern(names: Sequence[str], one_frame: bool) -> str:
     different = [len(set(column)) for column in columns]
     name = max((k for k, word in enumerate(words[0]) if word == "/"), default=-1)
 
-    def likely(k: int) -> tuple[bool, bool, int, int, int]:
+    def likely(k: int) -> tuple[int, ...]:
         """Return how likely a word counts frames: a long number in the name does."""
         word = columns[k][0]
         before = word.rstrip(digits)
@@ -258,7 +258,7 @@ def _kind(array: Anything) -> tuple[str, str]:
     if array.dtype.kind not in "buif":
         return "", ""
     known = array[np.isfinite(array)]
-    whole = bool((known % 1 == 0).all())
+    whole = (known % 1 == 0).all()
     if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind in "fi":
         return "coordinates", "grid"
     if array.ndim == 3 and array.shape[2] in (3, 4):

@@ -277,8 +277,15 @@ def _write(
             values = getattr(frame, name)
             if values is not None and len(values):
                 arrays[name][position, : len(values)] = values
-        known = frame.index, frame.time_s, len(frame.xyz), frame.labels is not None
-        rows.append((*known, hash(frame.gray.tobytes())))
+        rows.append(
+            (
+                frame.index,
+                frame.time_s,
+                len(frame.xyz),
+                frame.labels is not None,
+                hash(frame.gray.tobytes()),
+            )
+        )
     table = DataFrame(rows, columns=[*PER_FRAME, "picture"])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")

@@ -15,11 +15,7 @@ import numpy as np
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.manifest import ORDERS, SUBSET, TABLES, FileTable
-from kilnflight.recording.readers import (
-    find_subsets,
-    read_array,
-    variables,
-)
+from kilnflight.recording.readers import find_subsets, read_array, variables
 from kilnflight.recording.series import Series, find_series, to_toml
 
 METRES_BELOW = 100.0  # a median depth below it is in m: no kiln is 100 mm long
@@ -58,10 +54,7 @@ def draft(folder: Path) -> tuple[list[str], str]:
             -series.first.size,
         )
     )
-    chosen: dict[str, Series] = {}
-    for series in found:
-        if series.kind:
-            chosen.setdefault(series.kind, series)
+    chosen = {series.kind: series for series in reversed(found)}  # the first of each
     told = [series.told() for series in found]
     if "gray" not in chosen:
         listed = "\n".join(told)
@@ -139,7 +132,8 @@ def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
     index = None
     if form == "cloud":
         index = _index_of(series, len(series.first))
-        form = "indexed" if index else "cloud"
+        if index:
+            form = "indexed"
     lines = [f'form = "{form}"', f"invalid = {to_toml(invalid)}"]
     lines += _depth_lines(xyz, invalid)
     if form == "cloud":
