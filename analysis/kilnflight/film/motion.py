@@ -63,7 +63,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     change = first
     if len(turned):
         change = np.quantile(turned, 0.9) / OF_90_PERCENT
-    inert = change <= first or not len(turned)
+    inert = change <= first
     if inert and len(apart):  # a few may be much slower than the rest
         first = max(first, np.quantile(apart, 0.99) / OF_99_PERCENT)
     if max_step is not None:
@@ -95,7 +95,7 @@ def neighbour_px(detections: DataFrame) -> float:
     some = [each for each in places[:: 1 + len(places) // 30] if len(each) > 1]
     if not some:
         return np.inf
-    apart = [np.asarray(KDTree(each).query(each, 2)[0])[:, 1] for each in some]
+    apart = [KDTree(each).query(each, [2])[0] for each in some]
     return np.median(np.concatenate(apart))
 
 
@@ -198,7 +198,7 @@ def _linked(
     before: Array, after: Array, flow: Array, limit: float
 ) -> tuple[Integers, Integers]:
     """Return pairs of nearest neighbours of each other, as two (k,)."""
-    if not len(after) or not len(before):
+    if not len(after):
         return np.empty(0, int), np.empty(0, int)
     expected = before + flow
     apart, to = map(np.asarray, KDTree(after).query(expected))
@@ -238,7 +238,7 @@ def _shares_left(moving: Sequence[Array], every: Sequence[Array]) -> Array:
     """Return the share (n,) of its strength that a median leaves of each spot."""
     shares = [np.empty(0)]
     for spots, whole in zip(moving, every, strict=True):
-        if len(spots) and len(whole):
+        if len(whole):
             apart, which = map(np.asarray, KDTree(whole[:, :2]).query(spots[:, :2]))
             same = apart < whole[which, 2] + NEAR_PX
             shares.append((spots[:, 3] / whole[which, 3])[same])

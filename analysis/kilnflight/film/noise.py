@@ -55,7 +55,8 @@ def coarse_noise(foreground: Single, enlarge: int) -> float:
     goes together in neighbouring pixels is largest in one of these five layers.
     """
     layers = _layers(foreground, enlarge)
-    return max([np.median(blocks.std(axis=(2, 3))) for blocks in layers][1:])
+    next(layers)
+    return max(np.median(blocks.std(axis=(2, 3))) for blocks in layers)
 
 
 def _layers(foreground: Single, enlarge: int) -> Iterator[Array]:

@@ -37,8 +37,7 @@ from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.tracking.tracker import Management
 
-# Options that `choose` explains itself; the first says something only of depth.
-EXPLAINED = {"in_air_mm", "background", "threshold", "post_processing"}
+EXPLAINED = {"background", "threshold", "post_processing"}  # by `choose` itself
 SHAKEN = (
     "The picture shakes by {:.1f} px a frame: edges may count as particles. "
     "Register it first."
@@ -137,17 +136,25 @@ def choose(recording: Recording, options: Options, rows: Rows) -> chain.Detectio
     """
     options.check(recording)
     deep = any(len(recording.frame(t).pixels) for t in spread(len(recording), 5))
-    seen = _prepared(recording, options, deep)
+    level = None
+    if not deep:  # the light of depth's stays as it is
+        level = mean_level(recording)
+    content = ""
+    if isinstance(recording, StoredRecording):
+        content = recording.content()
+    seen = Prepared(recording, content, options.dark, level, options.roi)
     rows.extend(_given(recording, options, deep))
     looks = Looks(seen)
     if not deep:
-        looks = Looks(_tried(seen))
+        frames = range(min(len(seen), TRIED))
+        tried = [middle(seen.gray(t), MIDDLE_PX).copy() for t in frames]
+        looks = Looks(open_any(np.stack(tried)))
         rows.append(("tried on", f"the middle {looks.seen.attributes.size} px"))
     background, reason = choose_background(looks, options, deep)
     rows.append(("background", f"{background} ({reason})"))
-    if seen.level is not None:
-        level = f"every frame brought to a median of {seen.level:g} grey values"
-        rows.append(("light", level))
+    if level is not None:
+        told = f"every frame brought to a median of {level:g} grey values"
+        rows.append(("light", told))
     enlarge = 1
     planar = not deep and options.detector == "dog"
     if options.size is not None:
@@ -167,33 +174,16 @@ def choose(recording: Recording, options: Options, rows: Rows) -> chain.Detectio
     return _detection(seen, options, background, spots, deep)
 
 
-def _prepared(recording: Recording, options: Options, deep: bool) -> Prepared:
-    """Return the recording as it is searched; the light of depth's stays as it is."""
-    level = None
-    if not deep:
-        level = mean_level(recording)
-    content = ""
-    if isinstance(recording, StoredRecording):
-        content = recording.content()
-    return Prepared(recording, content, options.dark, level, options.roi)
-
-
-def _tried(seen: Prepared) -> Recording:
-    """Return the middle of the first frames, for settings to be tried on."""
-    frames = range(min(len(seen), TRIED))
-    return open_any(np.stack([middle(seen.gray(t), MIDDLE_PX).copy() for t in frames]))
-
-
 def _given(recording: Recording, options: Options, deep: bool) -> Rows:
     """Return what is told of the recording, and the options that were given."""
     attributes = recording.attributes
     rows = [("recording", attributes.name)]
     rows += [("note", note) for note in attributes.notes]
-    untold = EXPLAINED
-    if deep:
-        untold = EXPLAINED - {"in_air_mm"}
-    for name, value in asdict(options).items():
-        if value and name not in untold:
+    given = asdict(options)
+    if not deep:
+        del given["in_air_mm"]  # it says something only of depth
+    for name, value in given.items():
+        if value and name not in EXPLAINED:
             rows.append((name, f"{value}"))
     return rows
 

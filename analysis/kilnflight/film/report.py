@@ -156,7 +156,15 @@ def summary(tables: Tables) -> dict[str, str]:
     """
     flights = tables["flights"]
     counted = kept(flights[flights["from_lance"]])
-    rows = _found(tables)
+    detections = tables["detections"]
+    tracks = followed(tables["tracks"])
+    told = f"{len(detections)}"
+    depth = detections["z"].notna().sum()
+    if depth:
+        told += f", {depth} with depth, {len(tables['tracks'])} not on the wall"
+    n = tracks["particle"].nunique()
+    each = f"{len(tracks) / max(n, 1):.3g} each"
+    rows = {"detections": told, "tracks": f"{n} with {len(tracks)} detections, {each}"}
     if len(flights):
         rows["flights from the lance"] = (
             f"{len(counted)} of {len(flights)} trajectories"
@@ -178,22 +186,6 @@ def summary(tables: Tables) -> dict[str, str]:
         told = f"median {metre['median_m_s']:.1f} m/s, {share}"
         rows[f"velocity in the metre up to {metre['slice_m']:g} m"] = told
     return rows
-
-
-def _found(tables: Tables) -> dict[str, str]:
-    """Return the numbers of detections and tracks."""
-    detections = tables["detections"]
-    tracks = followed(tables["tracks"])
-    told = f"{len(detections)}"
-    depth = detections["z"].notna().sum()
-    if depth:
-        told += f", {depth} with depth, {len(tables['tracks'])} not on the wall"
-    n = tracks["particle"].nunique()
-    each = f"{len(tracks) / max(n, 1):.3g} each"
-    return {
-        "detections": told,
-        "tracks": f"{n} with {len(tracks)} detections, {each}",
-    }
 
 
 def _counts(what: str, reasons: Series) -> dict[str, str]:

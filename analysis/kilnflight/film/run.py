@@ -88,8 +88,9 @@ def detect(source: Any, progress: bool = False, **options: Any) -> pd.DataFrame:
     for what, text in rows:
         if what == "warning":
             warnings.warn(text, stacklevel=2)
-    seen = run.source.recording()
-    return chain.detect_frames(seen, run.frames, run.detector, run.background, progress)
+    return chain.detect_frames(
+        run.source.recording(), run.frames, run.detector, run.background, progress
+    )
 
 
 def track_detections(
