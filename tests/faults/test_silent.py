@@ -447,6 +447,14 @@ def test_a_mask_of_a_second_class_that_is_missing_is_named(folder):
         recording.content()
 
 
+@pytest.mark.parametrize("name", ["1-b.png", "2-c.png"])
+def test_a_mask_that_is_missing_is_no_frame_without_labels(folder, name):
+    path = manifest(folder)
+    (folder / "labels" / name).unlink()
+    with pytest.raises(InputError, match=f"frame {name[0]}"):
+        open_any(path)
+
+
 @pytest.mark.parametrize("span", ["[0.5, 2]", "[true, 3]", "['a', 'b']", "3", "[3, 1]"])
 def test_subsets_span_whole_numbers(folder, span):
     path = manifest(folder)

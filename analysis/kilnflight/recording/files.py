@@ -404,8 +404,15 @@ def _put_together(
             listed = table.read_table(file)["frame"].unique()
             files = dict.fromkeys(map(int, listed), file)
         else:
-            first = next(iter(table.classes), "")
-            files = number_files(table.pattern.replace(CLASS, first), folder)
+            named = [
+                table.pattern.replace(CLASS, name) for name in table.classes or [""]
+            ]
+            found = [number_files(each, folder) for each in dict.fromkeys(named)]
+            files = found[0]
+            for masks in found:
+                lost = masks.keys() ^ files.keys()
+                if lost:
+                    raise InputError(f"[{kind}]: masks of frame {min(lost)} are lost.")
         files = {n: path for n, path in files.items() if least <= n <= most}
         extra = files.keys() - set(numbers)
         if extra:
