@@ -396,23 +396,7 @@ def _put_together(
             numbers = [numbers[k] for k in kept]
     parts = [Part("gray", {}, gray)]
     for kind, table in others.items():
-        if table.form == "stack":
-            file = find_file(table.pattern, folder)
-            files = dict.fromkeys(table.read_numbers(file), file)
-        elif table.form == "table" and "{frame" not in table.pattern:
-            file = find_file(table.pattern, folder)
-            listed = table.read_table(file)["frame"].unique()
-            files = dict.fromkeys(map(int, listed), file)
-        else:
-            named = [
-                table.pattern.replace(CLASS, name) for name in table.classes or [""]
-            ]
-            found = [number_files(each, folder) for each in dict.fromkeys(named)]
-            files = found[0]
-            for masks in found:
-                lost = masks.keys() ^ files.keys()
-                if lost:
-                    raise InputError(f"[{kind}]: masks of frame {min(lost)} are lost.")
+        files = _files_of(table, folder)
         files = {n: path for n, path in files.items() if least <= n <= most}
         extra = files.keys() - set(numbers)
         if extra:
@@ -421,6 +405,25 @@ def _put_together(
             )
         parts.append(Part(kind, files, table))
     return _recording(images, numbers, facts, parts)
+
+
+def _files_of(table: FileTable, folder: Path) -> dict[int, Path]:
+    """Return the file of each frame of a table; of masks those of the first class."""
+    if table.form == "stack":
+        file = find_file(table.pattern, folder)
+        return dict.fromkeys(table.read_numbers(file), file)
+    if table.form == "table" and "{frame" not in table.pattern:
+        file = find_file(table.pattern, folder)
+        listed = table.read_table(file)["frame"].unique()
+        return dict.fromkeys(map(int, listed), file)
+    words = table.classes or [""]
+    named = [table.pattern.replace(CLASS, word) for word in words]
+    found = [number_files(each, folder) for each in dict.fromkeys(named)]
+    for masks in found:
+        lost = masks.keys() ^ found[0].keys()
+        if lost:
+            raise InputError(f"[labels]: masks of frame {min(lost)} are lost.")
+    return found[0]
 
 
 def _recording(
