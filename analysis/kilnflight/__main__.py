@@ -136,10 +136,13 @@ def _export(options: argparse.Namespace) -> None:
 
 def _preview(options: argparse.Namespace) -> None:
     """Draw what five thresholds detect."""
+    from kilnflight.checks import InputError
     from kilnflight.film.pictures import png, preview
     from kilnflight.store.cache import write_whole
 
     target = options.to or Path("preview.png")
+    if target.suffix.lower() != ".png":
+        raise InputError(f"{target}: name a picture .png.")
     recording = _opened(options, target)
     picture = png(preview(recording, **_settings(options)))
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -168,7 +171,7 @@ def _track(options: argparse.Namespace) -> None:
 def _run(options: argparse.Namespace) -> None:
     """Run all steps, to tracks and pictures; of several films each in its folder."""
     from kilnflight.checks import InputError
-    from kilnflight.film.run import run_recording
+    from kilnflight.film.run import check_apart, run_recording
     from kilnflight.store.parallel import Workers
 
     workers = Workers(options.jobs or 1, options.scheduler, into_logs=True)
@@ -176,14 +179,16 @@ def _run(options: argparse.Namespace) -> None:
     failed = []
     for path in options.recordings:
         options.recording = path
-        target = options.to
         try:
-            recording = _opened(options, target)
+            recording = _opened(options)
+            name = recording.attributes.name
+            target = options.to or Path(f"{name}-run")
             if several and len(recording) == 1:
                 failed = [f"{path}: one picture is no film. Put a pattern in quotes."]
                 break
-            if several and target:
-                target /= recording.attributes.name
+            if several and options.to:
+                target /= name
+            check_apart(target, path, recording)
             run_recording(recording, target, workers, **_settings(options))
         except (ValueError, OSError) as error:  # as in `main`
             failed.append(f"{error}")

@@ -536,7 +536,7 @@ def _order(graph: _Graph, start: int, most: int) -> tuple[list[int], float]:
         order.append(min(growth, key=lambda v: (growth[v], v not in frontier, v)))
         frontier = frontier.union(graph[order[-1]]).difference(order)
         candidates = frontier.union(*(graph[v] for v in frontier)).difference(order)
-        states += 2.0 ** len(frontier)
+        states += 2.0 ** min(len(frontier), 1000)  # floats end at 2^1024
         while candidates and states > most:  # too large: the members alone matter
             order.extend(candidates)
             around = set[int]().union(*(graph[v] for v in candidates))

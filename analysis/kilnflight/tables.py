@@ -138,7 +138,7 @@ SLICES = TABLES["space-sliced velocities"]
 
 
 def plain(table: DataFrame) -> DataFrame:
-    """Return a table without categories, whose index has no names.
+    """Return a table without categories and objects, whose index has no names.
 
     Linkers give such. Levels of the index that are no columns become columns.
 
@@ -158,7 +158,8 @@ def plain(table: DataFrame) -> DataFrame:
         table = table.reset_index(names)
     named = table.select_dtypes("category")
     kinds = {name: named[name].cat.categories.dtype for name in named}
-    return _unnamed(table).astype(kinds)
+    kinds |= dict.fromkeys(table.select_dtypes("float16"), np.dtype(float))
+    return _unnamed(table).astype(kinds).infer_objects()
 
 
 def _unnamed(table: DataFrame) -> DataFrame:

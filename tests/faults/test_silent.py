@@ -7,6 +7,8 @@ others, flipped bits, names with brackets.
 import hashlib
 import json
 import os
+import subprocess
+import sys
 import tracemalloc
 from dataclasses import fields, replace
 
@@ -16,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+import tifffile
 import zarr
 
 import kilnflight
@@ -408,6 +411,112 @@ def test_a_value_that_makes_all_others_one_grey_value_is_refused(value):
     with pytest.raises(InputError, match="frame 3"):
         open_any(film)
     assert open_any(np.minimum(film, 1.0).clip(0)).gray(3).max() == WHITE
+
+
+@pytest.mark.parametrize("value", [1e7, -1e30, 65_000.0])
+@pytest.mark.parametrize("frames", [slice(None), slice(0, 3), slice(4, 5)])
+def test_bad_pixels_of_several_frames_are_refused(value, frames):
+    film = MOVED / 255.0
+    film[frames, 5, 6] = value
+    film[frames, 20, 30] = value
+    with pytest.raises(InputError, match="one grey value"):
+        open_any(film)
+    with pytest.raises(InputError, match="one grey value"):
+        open_any(film[frames][:1])
+
+
+def test_particles_that_are_seldom_there_are_no_bad_pixels():
+    film = np.zeros((40, 24, 32))
+    film[7, 10:12, 10:13] = 1e6
+    film[30, 5, 5] = 1e6
+    assert open_any(film).gray(7).max() == WHITE
+    noise = np.random.default_rng(0).normal(size=film.shape)
+    bright = noise.copy()
+    bright[7, 10, 10] = 3000.0
+    assert open_any(bright).gray(7).max() == WHITE
+
+
+def test_tiles_that_were_never_written_are_refused(tmp_path):
+    tiles = [[None, *np.ones((3, 16, 16), np.uint8)], np.ones((4, 16, 16), np.uint8)]
+    for k, first in enumerate(tiles):
+        path = tmp_path / f"{k}.tif"
+        pages = (tile for tile in (*np.ones((4, 16, 16), np.uint8), *first))
+        tifffile.imwrite(path, pages, shape=(2, 32, 32), dtype="u1", tile=(16, 16))
+    assert len(open_any(tmp_path / "1.tif")) == 2
+    with pytest.raises(InputError, match="written"):
+        open_any(tmp_path / "0.tif")
+
+
+@pytest.mark.parametrize("name", ["/dev/fd/1", "/dev/stdout", "/proc/self/fd/1"])
+def test_a_file_by_the_name_of_a_device_is_kept(folder, name):
+    """As with >> file: renaming would replace what it holds."""
+    (folder / "link.csv").symlink_to(name)
+    code = "from kilnflight.store.cache import *; write_whole(Path('link.csv'), b'x')"
+    with open("held", "w") as held:
+        held.write("mine")
+        held.flush()
+        done = subprocess.run([sys.executable, "-c", code], stdout=held, check=False)
+    assert done.returncode != 0
+    assert (folder / "held").read_text() == "mine"
+
+
+def test_results_do_not_lie_among_the_frames(folder, monkeypatch, capsys):
+    monkeypatch.chdir(pictures(folder / "f"))
+    with pytest.raises(SystemExit):
+        main(["run", "."])
+    assert {path.suffix for path in (folder / "f").iterdir()} == {".png"}
+
+
+def test_a_preview_is_a_picture(folder, capsys):
+    np.save("a.npy", MOVED)
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(SystemExit):
+        main(["preview", "a.npy", "--to", "notes.txt"])
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_link_in_a_circle_is_one_line(folder, capsys):
+    (folder / "d.csv").write_text("frame,row,col\n0,1,1\n")
+    (folder / "l.csv").symlink_to("l.csv")
+    with pytest.raises(SystemExit):
+        main(["track", "d.csv", "l.csv"])
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_pattern_of_frames_passes_over_other_names(folder):
+    for t in range(3):
+        cv2.imwrite(f"{t}.png", MOVED[t])
+        cv2.imwrite(f"l{t}.png", MOVED[t])
+    assert len(open_any("{frame}.png")) == 3
+
+
+@pytest.mark.parametrize(
+    ("entry", "key"),
+    [
+        ("origin = true", "origin"),
+        ("key = 1", "key"),
+        ("numbers = true", "numbers"),
+        ("classes = { b = true, c = 3 }", "classes"),
+        ("classes = { b = 2.0, c = 3 }", "classes"),
+    ],
+)
+def test_entries_of_a_manifest_are_of_their_kind(folder, entry, key):
+    path = manifest(folder)
+    lines = [line for line in path.read_text().splitlines() if key not in line]
+    path.write_text("\n".join([*lines, entry, ""]))
+    with pytest.raises(InputError, match=key):
+        open_any(path)
+
+
+@pytest.mark.parametrize("kind", [object, np.float16])
+def test_tracks_are_the_same_for_every_kind_of_number(kind):
+    frame = np.repeat(np.arange(12), 3)
+    table = pd.DataFrame({"frame": frame, "row": 50.0 * (np.arange(36) % 3)})
+    table["col"] = 2.0 * frame
+    found = kilnflight.track(table.astype(kind), post_processing=False)
+    expected = kilnflight.track(table, post_processing=False)
+    assert found["particle"].tolist() == expected["particle"].tolist()
 
 
 def test_whole_numbers_that_floats_skip_are_refused():

@@ -1,9 +1,7 @@
 """The steps on a recording of one's own: detect, track, or all of them."""
 
-import hashlib
 import warnings
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +25,7 @@ from kilnflight.recording.frames import Recording, count_frames
 from kilnflight.recording.store import StoredRecording, open_recording, write_recording
 from kilnflight.recording.track_files import csv_of, read_table
 from kilnflight.scores.detections import particle_centroids
-from kilnflight.store.cache import clear_parts, locked, write_whole
+from kilnflight.store.results import claimed, publish
 from kilnflight.tables import with_pixels
 from kilnflight.tracking.filter import ConstantVelocity, Motion
 from kilnflight.tracking.tracker import Management
@@ -274,7 +272,8 @@ def run_recording(
     rows.extend(("warning", doubt) for doubt in doubts(tables))
     tables["summary"] = pd.DataFrame(rows, columns=["what", "value"])
     index = stored.per_frame["index"]
-    publish(tables, stored, target, index[run.frames] - index[0])
+    contents = _contents(tables, stored, index[run.frames] - index[0])
+    publish(contents, target, WRITTEN)
     rows.append(("written to", f"{target}"))
     return tables
 
@@ -303,84 +302,15 @@ def check_apart(
 def _stored(
     recording: FileRecording | StoredRecording, target: Path
 ) -> StoredRecording:
-    """Return a recording as Zarr; of a film a copy in ``target``, made if missing.
-
-    ``parts/recording.txt`` has its hash and those of the files that runs wrote.
-    """
-    folder = target / "parts"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{target}: cannot be a folder ({error.strerror}). Name another one."
-        ) from error
-    owner = folder / "recording.txt"
+    """Return a recording as Zarr; of a film a copy in ``target``, made if missing."""
     content = recording.content()
-    copy = folder / f"recording-{content}.zarr"
-    try:
-        with locked(folder):
-            _check_own(target, owner, content)
-            if isinstance(recording, StoredRecording):
-                stored = recording
-            elif copy.exists():
-                stored = open_recording(copy)
-            else:
-                stored = write_recording(recording, copy)
-            if not owner.exists():
-                clear_parts(owner)
-                write_whole(owner, content.encode())
-            return stored
-    finally:  # nothing is left of a film that cannot be read
-        with suppress(OSError):
-            folder.rmdir()
-            target.rmdir()
-
-
-def _check_own(target: Path, owner: Path, content: str) -> None:
-    """Raise an `InputError` if files would be replaced that no run of this film wrote.
-
-    ``owner`` lists the hashes of the film and of these files.
-    """
-    known = _read(owner).split()
-    told = ""
-    if known[:1] not in ([], [content.encode()]):
-        told = "a run of another film, or of this one before it changed"
-    for name in WRITTEN:
-        path = target / name
-        if path.exists() and _hash(_read(path)) not in known:
-            told = f"a {name} that is of no run, or was changed"
-    if told:
-        raise InputError(f"{target}: has {told}. Name another folder, or empty it.")
-
-
-def _read(path: Path) -> bytes:
-    """Return the content of a file; nothing of a folder, or where nothing is."""
-    return path.read_bytes() if path.is_file() else b""
-
-
-def _hash(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
-
-
-def publish(tables: Tables, recording: Recording, folder: Path, frames: Any) -> None:
-    """Write the tables and the pictures; remove those that this run does not have.
-
-    Each file is written as a whole; the tables in ``parts`` let a run continue.
-    """
-    owner = folder / "parts/recording.txt"
-    with locked(folder):
-        old = set(WRITTEN)
-        known = _read(owner).split()
-        written = known[:1]
-        for name, content in _contents(tables, recording, frames):
-            clear_parts(folder / name)
-            written.append(_hash(content))
-            write_whole(owner, b"\n".join(known + written))  # also if killed here
-            write_whole(folder / name, content)
-            old.remove(name)
-        for name in old:
-            (folder / name).unlink(missing_ok=True)
-        write_whole(owner, b"\n".join(written))
+    with claimed(target, WRITTEN, content) as parts:
+        copy = parts / f"recording-{content}.zarr"
+        if isinstance(recording, StoredRecording):
+            return recording
+        if copy.exists():
+            return open_recording(copy)
+        return write_recording(recording, copy)
 
 
 def _contents(

@@ -129,6 +129,7 @@ EVERY = (0, 2**63)  # numbers of frames
 CHANNELS = ("red", "green", "blue")
 WHITE = 65_535  # largest grey value
 MOST_SPAN = 4096  # of spans of values: the usual frame keeps 16 grey values; a choice
+FEW = 3  # outermost values of a frame that may be of bad pixels
 GIVEN = (*FACTS[:-1], "channel", "mask")  # what may be stated beside a path
 SMALL_TYPES = (np.bool_, np.uint8, np.uint16)  # their values are never above it
 
@@ -268,7 +269,7 @@ def open_any(source: Any, **stated: Any) -> FileRecording | StoredRecording:
         array (frame, row, col), with colours (frame, row, col, 3); or anything
         indexable of pictures.
     **stated
-        Fields of `Attributes` in place of what the files state, such as
+        Attributes that a manifest may state, in place of what the files do, such as
         ``frame_rate_hz=50.0`` and ``um_per_px=0.65``. ``channel``: ``"red"``, green or
         blue of coloured pictures; by default that which varies most. ``mask``: picture
         (rows, cols); where it is 0, nothing is searched, nor where the first frame is
@@ -507,26 +508,27 @@ def _choose_scale(
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Return the scale of a recording, and a note; None where whole values stay.
 
-    Raises an `InputError` with the place of a frame beside whose values the others are
-    one grey value.
+    Raises an `InputError` if a few values, but for which frames span much less, would
+    make the others one grey value.
     """
-    low = math.inf
-    high = -math.inf
+    ends = []
     spans = []
     whole = True
     for image in pictures:
-        least = float(image.min())
-        most = float(image.max())
-        low = min(low, least)
-        high = max(high, most)
-        spans.append(most - least)
+        ends.append((float(image.min()), float(image.max())))
+        usual = np.partition(image.ravel(), [FEW, -1 - FEW])
+        spans.append(float(usual[-1 - FEW]) - float(usual[FEW]))
         whole = whole and _is_whole(image)
+    low = min(ends)[0]
+    high = max(end for _, end in ends)
     if whole and high != 1:
         return None, []
-    if max(spans) > MOST_SPAN * np.quantile(spans, 0.9, method="lower") > 0:
+    varied = [span for span in spans if span > 0] or [math.inf]
+    if high - low > MOST_SPAN * np.quantile(varied, 0.9, method="lower"):
+        worst = np.ptp(ends, axis=1).argmax()
         raise InputError(
-            f"{places[int(np.argmax(spans))]}: values from {low:g} to {high:g} would "
-            "make all others one grey value. Clip them, or mask these pixels."
+            f"{places[worst]}: values from {low:g} to {high:g}, beside which most are "
+            "one grey value. Clip the outermost, or mask their pixels."
         )
     scale = (low, WHITE / ((high - low) or 1.0))
     return scale, [f"grey values: {low:g} to {high:g} are scaled to 0 to {WHITE}"]

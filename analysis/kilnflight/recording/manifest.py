@@ -148,7 +148,9 @@ class FileTable:
             "z": table.z in ("ahead", "back"),
             "invalid": table.invalid == "nan" or type(table.invalid) in (int, float),
             "unit": table.unit in tuple(MM_PER_UNIT),
-            "origin": table.origin in (0, 1),
+            "origin": type(table.origin) is int and table.origin in (0, 1),
+            "key": isinstance(table.key, str | list | None),
+            "numbers": isinstance(table.numbers, str | None),
             "classes": _are_classes(table.classes, table.form),
             "focal_length_px": type(length) in (int, float)
             and (length > 0) == (table.form == "cloud"),
@@ -332,7 +334,8 @@ def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
     OSError, ValueError, RecursionError
         If it cannot be read, or a key is missing, unknown or unusable.
     """
-    text = path.read_text("utf-8-sig")[:LONGEST]
+    with path.open(encoding="utf-8-sig") as file:
+        text = file.read(LONGEST)
     facts = tomllib.loads(text.replace("\\", "/"))
     needed = ("name", "frame_rate_hz", "gray")
     check_keys(facts, known=(*FACTS, *TABLES), needed=needed)
@@ -353,7 +356,8 @@ def _are_classes(classes: Any, form: str) -> bool:
     if not isinstance(classes, dict) or (form == "masks" and not classes):
         return False
     named = form == "masks" or all(re.fullmatch(r"-?\d+", name) for name in classes)
-    return named and all(ours in range(len(LABELS)) for ours in classes.values())
+    known = range(len(LABELS))
+    return named and all(type(n) is int and n in known for n in classes.values())
 
 
 def check_keys(

@@ -306,16 +306,17 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
     form = rf"{number}[^\d/]*\.\w+$"  # the last number of the name
     ordered_by = r"\d+"
     if "FRAME" in text:
-        form = fnmatch.translate(text).replace("FRAME", number, 1)
+        form = r"\A" + fnmatch.translate(text).replace("FRAME", number, 1)
         ordered_by = form
     files = dict[int, Path]()
     previous = -1
     names = _names(text.replace("FRAME", "*"), place)
     for name in sorted(names, key=lambda n: [*map(int, re.findall(ordered_by, n))]):
         path = place / name
-        if not name.lower().endswith(endings) or not path.is_file():
-            continue
         found = re.search(form, name)
+        other = "FRAME" in text and not found
+        if other or not name.lower().endswith(endings) or not path.is_file():
+            continue
         if not found or not previous < int(found["number"]) < 2**63:
             advice = "Write {frame} where the number stands: film/a_{frame}_8bit.png"
             raise InputError(
@@ -576,6 +577,9 @@ def _check_pages(tif: tifffile.TiffFile) -> None:
     if empty or tif.filehandle.read(4) != bytes(4):
         raise ValueError("it ends within its pages")
     page: Any = tif.pages.first
+    spread = [each for each in tif.series if each.dataoffset is None]
+    if any(0 in each.dataoffsets for series in spread for each in series if each):
+        raise ValueError("parts of its pages were never written")
     last: Any = tif.pages[-1].aspage()
     tif.filehandle.seek(last.offset)
     number = tif.filehandle.read(tif.tiff.tagnosize)

@@ -20,6 +20,7 @@ none), left, top, width, height. A box becomes its middle, left + width / 2.
 
 import csv
 import io
+import os
 import re
 import warnings
 from pathlib import Path
@@ -30,7 +31,7 @@ import pandas as pd
 from pandas import DataFrame
 
 from kilnflight.checks import InputError, check_columns, check_number
-from kilnflight.store.cache import write_whole
+from kilnflight.store.cache import is_device, write_whole
 from kilnflight.tables import FORMATS, PROGRAMS, in_tracks, with_pixels
 
 MOST_COLUMNS = 10_000  # more take minutes
@@ -43,9 +44,10 @@ UNIT = r'(spaceUnits="|\n,.*\()(micron|inch|.m)\b'  # of its XML, and of that li
 
 def check_table_target(path: Path, form: str = "csv", source: Path = Path()) -> None:
     """Raise an `InputError` unless a table can get this name and is not the source."""
-    there = path.parent.is_dir() and path.absolute().parts[1] not in ("dev", "proc")
+    place = Path(os.path.realpath(path))  # resolve() raises for links in a circle
+    there = place.parent.is_dir() and not is_device(path)
     known = path.suffix in ENDINGS.get(form, ("", ".csv"))
-    if not (there and known) or path.resolve() == source.resolve():
+    if not (there and known) or place == source.resolve():
         raise InputError(
             f"{path}: name another table .csv (csv: or .parquet; challenge: .xml), in "
             "a folder that exists."
@@ -181,6 +183,7 @@ def write_table(table: DataFrame, path: Path, form: str = "csv") -> None:
     ['ID,T,Y,X', '0,0,3.0,7.5', '0,1,3.0,7.5']
     """
     check_table_target(path, form)
+    check_columns(table, getattr(table, "columns", ()), "table")
     if form != "csv":
         content = _exported(table, form).encode()
     elif path.suffix == ".parquet":

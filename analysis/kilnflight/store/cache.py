@@ -35,6 +35,7 @@ PACKAGE = Path(__file__).parents[1]
 IMPORTS = re.compile(
     r"^ *(?:from|import) (kilnflight[\w.]*)(?: import (\([^)]*\)|.*))?", re.M
 )
+MOST_LINKS = 40  # as Linux follows
 AGAIN = "Is there room, on disk and in memory? Finished parts are kept; run it again."
 
 
@@ -54,6 +55,8 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
     InputError
         If it cannot be written, as on a full disk.
     """
+    if is_device(path) and path.is_file():  # >> f, which would be replaced
+        raise InputError(f"{path}: is a file by another name. Name it.")
     try:
         path = path.resolve()
         if path.exists() and not path.is_file() and not path.is_dir():
@@ -71,6 +74,15 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
     except (OSError, RuntimeError) as error:  # links in a circle: RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written ({reason}). {AGAIN}") from error
+
+
+def is_device(path: Path) -> bool:
+    """Return whether a path, or a link, leads below /dev or /proc; but for /dev/shm."""
+    steps = [path.absolute()]
+    while steps[-1].is_symlink() and len(steps) < MOST_LINKS:
+        steps.append(steps[-1].parent / steps[-1].readlink())
+    text = "\n".join(map(str, steps))
+    return re.search(r"^/(dev/(?!shm)|proc/)", text, re.M) is not None
 
 
 def hidden(path: Path) -> str:
