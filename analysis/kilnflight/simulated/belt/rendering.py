@@ -174,7 +174,12 @@ class Pictures:
         generator = np.random.default_rng([self.seed, 2])
         angle = generator.uniform(0, np.pi, len(names))[which]  # one by particle
         tip = places + np.column_stack([np.cos(angle), np.sin(angle)])  # 1 mm ahead
-        ahead = places + EXPOSURE_S * _velocities(visible)
+        # The velocity is that to the particle's next row, in its last row that of the
+        # row before it, of a single row 0.
+        step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
+        velocity = step[["x", "y"]].div(step["time_s"], axis=0)
+        velocity = velocity.groupby(visible["particle"]).ffill().fillna(0.0)
+        ahead = places + EXPOSURE_S * velocity.to_numpy()
         height = np.full(len(visible), self.bulk.rest_mm)
         middle, end, along = (
             self.view.pixels(np.column_stack([each, height]))
@@ -250,16 +255,6 @@ def _distance(u: np.float32, v: np.float32) -> np.float32:
     if u > 0 and v > 0:  # the nearest point is a corner
         return np.float32(math.sqrt(np.float64(u) ** 2 + np.float64(v) ** 2))
     return max(u, v)
-
-
-def _velocities(visible: DataFrame) -> Array:
-    """Return each row's velocity (n, 2) in mm/s, x and y, to the particle's next row.
-
-    A particle's last row has that of the row before it, a single row 0.
-    """
-    step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
-    rates = step[["x", "y"]].div(step["time_s"], axis=0)
-    return rates.groupby(visible["particle"]).ffill().fillna(0.0).to_numpy()
 
 
 def at_rate(tracks: DataFrame, frames_per_s: float) -> DataFrame:

@@ -251,18 +251,13 @@ class Background:
         blur = self.optics.edge_softness_px
         return cv2.GaussianBlur(level, (0, 0), blur).astype(np.float32)
 
-    @cached_property
-    def _flame(self) -> tuple[Array, Array]:
-        """Nozzle (2,) and direction (2,) of the burner's flame: rows and columns."""
-        ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
-        ends = self.geometry.project(self.geometry.to_camera(ends_m))
-        nozzle, end = np.transpose(ends)
-        return nozzle, (end - nozzle) / np.hypot(*(end - nozzle))
-
     def _burn(self, picture: Single, time_s: float) -> None:
         """Draw the burner's flame: an ellipse from the nozzle away from the lance."""
         top, bottom, left, right = self.interior.flame_roi
-        nozzle, direction = self._flame
+        ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+        ends = self.geometry.project(self.geometry.to_camera(ends_m))
+        nozzle, end = np.transpose(ends)  # rows and columns
+        direction = (end - nozzle) / np.hypot(*(end - nozzle))
         sines = _sines(self.seed, 106, (3.0, 17.0), time_s)
         moves = 1 + np.array([0.035, 0.035, 0.08]) * sines
         length, width = np.array(FLAME_PX) * moves[:2] * self._scale
@@ -307,16 +302,6 @@ class Background:
             phase=generator.random(count),
         )
 
-    def _glint(self, picture: Single, time_s: float) -> None:
-        """Draw the clutter: slow faint spots that belong to no particle."""
-        corner, spot, hertz, phase = self._clutter
-        cycle = (hertz * time_s + phase) % 1.0
-        share = np.sin(np.pi * cycle / CLUTTER_SHARE).astype(np.float32) ** 2
-        side = spot.shape[1]
-        for k in np.flatnonzero(cycle < CLUTTER_SHARE):
-            row, column = corner[k]
-            picture[row : row + side, column : column + side] += share[k] * spot[k]
-
     @cached_property
     def _patterns(self) -> tuple[Array, Single]:
         """Frequencies (waves,) in Hz, and patterns (2 waves, down, over) of flicker."""
@@ -353,6 +338,13 @@ class Background:
         for strip in (np.s_[:edge], np.s_[-edge:], *sides):
             picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
-        self._glint(picture, time_s)
+        # The clutter: slow faint spots that belong to no particle.
+        corner, spot, hertz, phase = self._clutter
+        cycle = (hertz * time_s + phase) % 1.0
+        share = np.sin(np.pi * cycle / CLUTTER_SHARE).astype(np.float32) ** 2
+        side = spot.shape[1]
+        for k in np.flatnonzero(cycle < CLUTTER_SHARE):
+            row, column = corner[k]
+            picture[row : row + side, column : column + side] += share[k] * spot[k]
         self._burn(picture, time_s)
         return picture

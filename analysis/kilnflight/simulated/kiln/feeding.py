@@ -8,7 +8,7 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Flags, Generator, Integers, Picture
+from kilnflight.arrays import Flags, Generator, Integers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import Scene
@@ -36,41 +36,26 @@ MIXTURES: dict[int, dict[str, float]] = {
 }
 
 
-def handfuls(count: int, mean: float, duration_s: float, generator: Generator) -> Array:
-    """Draw the times (count,) in s at which particles leave the lance, in handfuls.
-
-    Parameters
-    ----------
-    count
-        Number of particles.
-    mean
-        Mean number of particles in a handful.
-    duration_s
-        Length of the recording in s.
-    generator
-        Draws sizes and times.
-    """
-    sizes: list[int] = []
-    while sum(sizes) < count:
-        sizes.append(min(int(generator.geometric(1 / mean)), count - sum(sizes)))
-    starts = np.sort(generator.uniform(-LEAD_S, duration_s, len(sizes)))
-    lasting = generator.uniform(0.2, 1.0, len(sizes))  # a handful takes so many seconds
-    handful = np.repeat(np.arange(len(sizes)), sizes)
-    return starts[handful] + lasting[handful] * generator.beta(2.0, 2.0, count)
-
-
 def feed_campaign(scene: Scene) -> Life:
     """Draw the life of a campaign's particles: fed in handfuls, then flight and fire.
 
     The order of the draws fixes every simulated recording.
     """
     generator = np.random.default_rng([scene.seed, 0])
+    count = scene.count
+    sizes: list[int] = []
+    while sum(sizes) < count:
+        size = int(generator.geometric(1 / scene.handful))
+        sizes.append(min(size, count - sum(sizes)))
     duration_s = scene.frames / scene.frame_rate_hz
-    release_s = handfuls(scene.count, scene.handful, duration_s, generator)
-    table = FRACTIONS[scene.fraction].draw(scene.count, generator)
+    starts = np.sort(generator.uniform(-LEAD_S, duration_s, len(sizes)))
+    lasting = generator.uniform(0.2, 1.0, len(sizes))  # a handful takes so many seconds
+    handful = np.repeat(np.arange(len(sizes)), sizes)
+    release_s = starts[handful] + lasting[handful] * generator.beta(2.0, 2.0, count)
+    table = FRACTIONS[scene.fraction].draw(count, generator)
     table = table.assign(release_s=release_s)
     law = LAWS[scene.fraction, scene.pressure_bar]
-    flights = fly(law, scene.count, scene.geometry, generator)
+    flights = fly(law, count, scene.geometry, generator)
     return Life.of(table, flights, scene.optics.share_on, generator)
 
 

@@ -342,7 +342,14 @@ class LensWall:
         camera = self.camera
         size = len(self.changing)
         changing = self.changing * random.standard_normal(size, dtype=np.float32)
-        changing += self._draw_drift(random)
+        # The rest of the error is smooth over the picture.
+        down, right = self.lattice.lenses
+        smooth = _draw_smooth(
+            random, self.bias.shape, camera.smooth_px, (down, 2 * right)
+        )
+        smooth *= np.float32(np.sqrt(1 - camera.fixed - camera.changing))
+        odd = np.arange(down)[:, None] % 2  # these rows are half a lens to the right
+        changing += np.where(odd, smooth[:, 1::2], smooth[:, ::2]).reshape(-1)
         draws = random.random(len(self.index), np.float32)
         kept = draws < np.float32(camera.kept_per_frame)
         kept &= ~sight.hidden.take(self.index)
@@ -355,17 +362,6 @@ class LensWall:
         depth = np.concatenate([depth[alone], self._mix(near, sight, changing)])
         white = random.standard_normal(len(index), np.float32)
         return index, depth + camera.white_mm * white
-
-    def _draw_drift(self, random: Generator) -> Single:
-        """Draw the smooth error of the lenses over the `LensCamera.wall_scale`."""
-        camera = self.camera
-        down, right = self.lattice.lenses
-        field = _draw_smooth(
-            random, self.bias.shape, camera.smooth_px, (down, 2 * right)
-        )
-        field *= np.float32(np.sqrt(1 - camera.fixed - camera.changing))
-        odd = np.arange(down)[:, None] % 2  # these rows are half a lens to the right
-        return np.where(odd, field[:, 1::2], field[:, ::2]).reshape(-1)
 
     def _mix(self, index: Index, sight: Sight, changing: Single) -> Single:
         """Return the depths (n,) in mm at pixels near particles.

@@ -239,25 +239,6 @@ def paint(
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
-    behind, change = _draw_over(picture, blobs, pixels)
-    marked = pixels.radius <= MARKED_RADIUS
-    inner = np.flatnonzero(marked)
-    before = behind.take(inner)
-    after = before + change.take(inner)
-    recorded = np.minimum(after, FULL_SCALE) - np.minimum(before, FULL_SCALE)
-    marked[inner] = np.abs(recorded) > VISIBLE_CONTRAST * optics.noise(before)
-    count = np.bincount(pixels.blob[marked], minlength=len(blobs.row))
-    return marked, count >= VISIBLE_PX
-
-
-def _draw_over(picture: Single, blobs: Blobs, pixels: Pixels) -> tuple[Single, Single]:
-    """Draw each particle over those behind it, in place.
-
-    Returns
-    -------
-    behind, change : (k,)
-        Grey values at the pixels of ``pixels`` before, and what the particle adds.
-    """
 
     def at_pixels(values: Array) -> Single:
         return values.astype(np.float32).take(pixels.blob)
@@ -270,7 +251,14 @@ def _draw_over(picture: Single, blobs: Blobs, pixels: Pixels) -> tuple[Single, S
     covered = share * at_pixels(1 - blobs.passes)
     added = share * at_pixels(blobs.brightness)
     behind = _lay_over(picture.reshape(-1), pixels.place, added, covered)
-    return behind, added - covered * behind
+    marked = pixels.radius <= MARKED_RADIUS
+    inner = np.flatnonzero(marked)
+    before = behind.take(inner)
+    after = before + (added.take(inner) - covered.take(inner) * before)
+    recorded = np.minimum(after, FULL_SCALE) - np.minimum(before, FULL_SCALE)
+    marked[inner] = np.abs(recorded) > VISIBLE_CONTRAST * optics.noise(before)
+    count = np.bincount(pixels.blob[marked], minlength=len(blobs.row))
+    return marked, count >= VISIBLE_PX
 
 
 @njit(cache=True)

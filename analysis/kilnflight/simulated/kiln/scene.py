@@ -10,10 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from kilnflight.arrays import Array, Generator, Index, Picture, Single
+from kilnflight.arrays import Array, Generator, Index, Single
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.simulated.kiln.background import Background
@@ -128,14 +127,17 @@ class Twin:
             If there is no such frame.
         """
         check_position(t, len(self), self.scene.name)
+        place = self.scene.geometry
         view = self.view(t)
-        pixels, xyz = self._cloud(t, view)
+        index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
+        row, column = np.divmod(index, place.columns)
+        captured = self.scene.depth.captured(depth)
         return Frame(
             index=t,
             time_s=self.time_s(t),
             gray=self.exposed(t, view.picture),
-            pixels=pixels,
-            xyz=xyz,
+            pixels=np.stack([row, column], axis=1).astype(np.int32),
+            xyz=place.unproject(row, column, captured).astype(np.float32),
             labels=view.labels,
         )
 
@@ -171,7 +173,12 @@ class Twin:
         marked, visible = paint(picture, blobs, pixels, optics)
         shown = marked & visible[pixels.blob]
         kinds = class_of(moment)
-        labels = self._label_flame(picture)
+        # A person sees the burner's flame, 1, where it is far brighter than the wall,
+        # or saturated.
+        labels = np.zeros(picture.shape, np.uint8)
+        top, bottom, left, right = self.scene.interior.flame_roi
+        flame = np.s_[top:bottom, left:right]
+        labels[flame] = picture[flame] >= min(2.5 * optics.at_wall, FULL_SCALE)
         labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
         return SceneView(
             picture=picture,
@@ -183,19 +190,6 @@ class Twin:
             kinds=kinds,
             labels=labels,
         )
-
-    def _label_flame(self, picture: Single) -> Picture:
-        """Return labels (rows, columns): 1 in the flame of the burner, else 0.
-
-        A person sees a flame where it is far brighter than the wall, or saturated.
-        """
-        labels = np.zeros(picture.shape, np.uint8)
-        top, bottom, left, right = self.scene.interior.flame_roi
-        flame = np.s_[top:bottom, left:right]
-        labels[flame] = picture[flame] >= min(
-            2.5 * self.scene.optics.at_wall, FULL_SCALE
-        )
-        return labels
 
     def exposed(self, t: int, picture: Single) -> Gray:
         """Return a picture as grey values with the noise of frame ``t``."""
@@ -214,14 +208,6 @@ class Twin:
     def _sight(self, t: int, view: SceneView) -> Sight:
         """Return the particles of frame ``t`` as the lenses see them."""
         return self._wall.see_particles(view, self._draw_errors(t), self._random(t, 2))
-
-    def _cloud(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.int32], Single]:
-        """Return pixels (n, 2) and captured positions (n, 3) of the points of ``t``."""
-        index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
-        captured = self.scene.depth.captured(depth)
-        row, column = np.divmod(index, self.scene.geometry.columns)
-        xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
-        return np.stack([row, column], axis=1).astype(np.int32), xyz
 
     def particles_with_depth(self, t: int, view: SceneView) -> Index:
         """Return the particles with at least one valid point in frame ``t``."""
