@@ -19,7 +19,7 @@ import cv2
 import numba
 import numpy as np
 
-from kilnflight.arrays import Array, Flags, Integers, Single, Whole
+from kilnflight.arrays import Array, Flags, Integers, Single
 from kilnflight.detection.disjoint import find_root
 
 # Multiple of the noise by which a peak must stand out; ours. In an area of noise alone,
@@ -143,18 +143,14 @@ def _has_peak(area: Single, prominence: float) -> bool:
     top, left = divmod(area.argmax(), width)  # the first of equal ones
     if most - border >= prominence and 0 < top < height - 1 and 0 < left < width - 1:
         return True
-    visited = np.zeros(area.shape, np.int64)
-    stack = np.empty((area.size, 2), np.int64)
     for row in range(1, height - 1):
-        if area[row].max() - least < prominence:
-            continue
         for col in range(1, width - 1):
             value = area[row, col]
             if value - least < prominence or (row == top and col == left):
                 continue  # the highest one was judged above
             if value < area[row, col - 1] or value < area[row, col + 1]:
                 continue
-            if _stands_out(area, (row, col), prominence, visited, stack):
+            if _stands_out(area, (row, col), prominence):
                 return True
     return False
 
@@ -172,40 +168,30 @@ def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> F
 
 
 @numba.njit(cache=True)
-def _stands_out(
-    area: Single,
-    place: tuple[int, int],
-    prominence: float,
-    visited: Whole,
-    stack: Whole,
-) -> bool:
+def _stands_out(area: Single, place: tuple[int, int], prominence: float) -> bool:
     """Return whether no higher pixel can be reached from ``place`` (flood fill).
 
     ``place`` is row and column in the area (rows, cols). The way goes by neighbouring
     pixels that are less than the prominence below ``place``. An equal pixel that comes
-    first counts as higher. ``visited`` (rows, cols) and ``stack`` (pixels, 2) are
-    scratch memory. Before the first call
-    ``visited`` is 0; a pixel then holds the number of the place that visited it last.
+    first counts as higher.
     """
     row, col = place
     value = area[row, col]
-    mark = row * area.shape[1] + col
-    stack[0] = place
-    count = 1
-    visited[row, col] = mark
-    while count:
-        count -= 1
-        at_row, at_col = stack[count]
+    number = row * area.shape[1] + col
+    visited = np.zeros(area.shape, np.bool_)
+    visited[row, col] = True
+    stack = [place]
+    while stack:
+        at_row, at_col = stack.pop()
         for i in range(max(at_row - 1, 0), min(at_row + 2, area.shape[0])):
             for j in range(max(at_col - 1, 0), min(at_col + 2, area.shape[1])):
-                if visited[i, j] == mark or value - area[i, j] >= prominence:
+                if visited[i, j] or value - area[i, j] >= prominence:
                     continue
-                before = i * area.shape[1] + j < mark
+                before = i * area.shape[1] + j < number
                 if area[i, j] > value or (before and area[i, j] == value):
                     return False
-                visited[i, j] = mark
-                stack[count] = (i, j)
-                count += 1
+                visited[i, j] = True
+                stack.append((i, j))
     return True
 
 
