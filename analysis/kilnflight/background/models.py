@@ -290,20 +290,15 @@ class Adaptive(WindowModel):
     learning_rate: Share = 0.05  # Table 5.4
 
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
-        return ((t, self._learn(held, t, _mean(held, t, self.window))) for t in indices)
-
-    def _learn(self, held: HeldFrames, t: int, mean: Anything) -> Anything:
-        """Return the background (rows, cols) by Eq. 2.8 over frame t and those before.
-
-        ``mean`` (rows, cols) is the background of the start, Eq. 2.7.
-        """
-        past = range(max(t - self.window // 2, 0), t + 1)
-        held.fetch(past)
-        excess = np.subtract(mean, held[t], dtype=np.float64)
-        for other in past:
-            image = np.subtract(held[other], held[t], dtype=np.float64)
-            cv2.accumulateWeighted(image, excess, self.learning_rate)
-        return (held[t] + excess).astype(held.precise)
+        for t in indices:
+            start = _mean(held, t, self.window)  # Eq. 2.7
+            past = range(max(t - self.window // 2, 0), t + 1)
+            held.fetch(past)
+            excess = np.subtract(start, held[t], dtype=np.float64)
+            for other in past:  # Eq. 2.8
+                image = np.subtract(held[other], held[t], dtype=np.float64)
+                cv2.accumulateWeighted(image, excess, self.learning_rate)
+            yield t, (held[t] + excess).astype(held.precise)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from pandas import Series
 
 from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
@@ -184,7 +185,10 @@ class Joining(PathStep):
         ``changed`` (m,) says which of the m tracklets have changed. The cost (p,) is
         Eq. 4.24 without its last term, that of the streak.
         """
-        speeds = paths.usual_speeds()
+        path, speed = step_speeds(paths.names(), paths.frame, paths.place)
+        usual = Series(speed).groupby(path).agg(["median", "max"])
+        # They are 0 without a step.
+        speeds = usual.reindex(range(len(changed)), fill_value=0.0).to_numpy().T
         near = self._in_time(paths, changed)
         parts = [self._possible(paths, pairs, speeds) for pairs in near]
         return Candidates(*map(np.concatenate, zip(*parts, strict=True)))
@@ -192,7 +196,8 @@ class Joining(PathStep):
     def _possible(self, paths: Paths, pairs: Candidates, speeds: Array) -> Candidates:
         """Return those of some pairs that are within the limits, with their cost.
 
-        ``speeds`` (2, m) are `Paths.usual_speeds` of all tracklets.
+        ``speeds`` (2, m) are the median and the largest speed of all tracklets in
+        px/frame.
         """
         overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
         median, largest = speeds[:, [pairs.earlier, pairs.later]].max(axis=1)
@@ -212,8 +217,13 @@ class Joining(PathStep):
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * gap
         most = np.maximum(limit, largest[possible])
         joined = np.flatnonzero(allowed & (pairs.cost <= 0))
-        # Steps within an overlap, too, must not be faster.
-        pair, speed = _joined_speeds(paths, pairs.earlier[joined], pairs.later[joined])
+        # Steps within an overlap, too, must not be faster. That keeps tracklets far
+        # apart from being joined, which Eq. 4.18 alone does not (section 4.2.3).
+        both = np.append(pairs.earlier[joined], pairs.later[joined])
+        owner, points = ranges(paths.starts[both], paths.starts[both + 1])
+        count = len(joined)
+        names, _, *place = _united(paths, owner % count, points, owner >= count)
+        pair, speed = step_speeds(names, *place)
         allowed[joined[pair[speed > most[joined[pair]]]]] = False
         return _take(pairs._replace(cost=cost), allowed)
 
@@ -528,19 +538,6 @@ def _merge(paths: Paths, chosen: Candidates) -> Paths:
     names, rows, frame, place = _united(paths, number[of], points, later[of])
     starts = np.searchsorted(names, np.arange(len(number) + 1))
     return Paths(rows=rows, frame=frame, place=place, starts=starts)
-
-
-def _joined_speeds(paths: Paths, i: Index, k: Index) -> tuple[Index, Array]:
-    """Return the pair (q,) and the speed (q,) in px/frame of each step, if joined.
-
-    ``i`` and ``k`` (p,) are the earlier and the later tracklets. A limit on the steps
-    within the overlap keeps tracklets far apart from being joined, which Eq. 4.18 alone
-    does not (section 4.2.3).
-    """
-    both = np.append(i, k)
-    owner, points = ranges(paths.starts[both], paths.starts[both + 1])
-    names, _, frame, place = _united(paths, owner % len(i), points, owner >= len(i))
-    return step_speeds(names, frame, place)
 
 
 def _united(

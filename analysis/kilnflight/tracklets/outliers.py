@@ -175,25 +175,17 @@ class Cutting(Settings):
             if len(points) > 1:
                 time = paths.frame[points] / frame_rate_hz
                 depth = paths.place[points, 2]
-                across = self._across(time, paths.place[points, 3:], depth)
-                cuts[points[1:]] = across | self._along(time, depth)
+                # Across the line of sight, from the camera.
+                ahead = np.where(depth > 0, depth, np.nan)
+                step = np.diff(paths.place[points, 3:] / ahead[:, None], axis=0)
+                across = np.hypot(*step.T) * np.minimum(ahead[1:], ahead[:-1])
+                far = across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM
+                cuts[points[1:]] = far | self._along(time, depth)
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
         long = np.bincount(names)[names] >= LEAST_PART
         return write_paths(tracks, paths.grouped(np.where(long, names, -1)))
-
-    def _across(self, time: Array, place: Array, depth: Array) -> Flags:
-        """Return which steps (n - 1,) across the line of sight are impossible.
-
-        ``time`` (n,) is in s; ``place`` (n, 2) is x, y and ``depth`` (n,) z in mm from
-        the camera, z along its axis.
-        """
-        ahead = np.where(depth > 0, depth, np.nan)
-        step = np.diff(place / ahead[:, None], axis=0)
-        nearer = np.minimum(ahead[1:], ahead[:-1])
-        across = np.hypot(*step.T) * nearer
-        return across > 1000 * self.fastest_m_s * np.diff(time) + ACROSS_MM
 
     def _along(self, time: Array, depth: Array) -> Flags:
         """Return which steps (n - 1,) along the line of sight are impossible and last.

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
-from pandas import DataFrame, Series
+from pandas import DataFrame
 
 from kilnflight.arrays import Array, Index, Integers, Whole
 from kilnflight.checks import Settings, check_columns, check_finite, check_whole
@@ -27,16 +27,6 @@ class Paths(NamedTuple):
     def names(self) -> Index:
         """Return the number (n,) of each point's tracklet, counted from 0."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
-
-    def usual_speeds(self) -> Array:
-        """Return the median and the largest speed (2, m) of tracklets in px/frame.
-
-        They are 0 without a step.
-        """
-        path, speed = step_speeds(self.names(), self.frame, self.place)
-        found = Series(speed).groupby(path).agg(["median", "max"])
-        every = found.reindex(range(len(self.starts) - 1), fill_value=0.0)
-        return every.to_numpy().T
 
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.

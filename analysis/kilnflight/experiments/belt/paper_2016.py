@@ -9,7 +9,6 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import joblib
 import numpy as np
 import pandas as pd
 from pandas import DataFrame, Series
@@ -37,6 +36,7 @@ from kilnflight.belt.tracker import (
 )
 from kilnflight.scores.intervals import percentiles
 from kilnflight.simulated.belt.rendering import Pictures, at_rate
+from kilnflight.store.parallel import run_all
 
 # The last 10 cm of the belt (section IV).
 PHASE_2016 = PredictionPhase(TRACKED.end_mm, BELT.end_mm)
@@ -93,9 +93,8 @@ def track_all(
     pictures: Mapping[str, Pictures], jobs: int, end_mm: float = PHASE_2016.start_mm
 ) -> dict[str, PictureTracks]:
     """Return `track_pictures` of several recordings by name, in ``jobs`` processes."""
-    tracked = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values()
-    )
+    pieces = [(each, end_mm) for each in pictures.values()]
+    tracked = run_all(track_pictures, pieces, jobs)
     return dict(zip(pictures, tracked, strict=True))
 
 
@@ -298,18 +297,12 @@ def _summarise(deviation: Array, seed: int) -> dict[str, float]:
     drawn = np.random.default_rng(seed).integers(0, len(known), size)
     found = summarise_deviations(deviation)
     found["absolute_q95"] = np.quantile(np.abs(known), 0.95)
-    for name, values in _spreads(np.vstack([known, known[drawn]])).items():
+    # A row for the particles themselves, then one for each draw.
+    rows = np.vstack([known, known[drawn]])
+    q25, median, q75 = np.quantile(rows, [0.25, 0.5, 0.75], axis=-1)
+    away = np.abs(rows - rows.mean(axis=-1, keepdims=True)).mean(axis=-1)
+    spreads = {"median": median, "iqr": q75 - q25, "mae_centred": away}
+    for name, values in spreads.items():
         found[name] = values[0]
         found[f"{name}_low"], found[f"{name}_high"] = percentiles(values[1:])
     return found
-
-
-def _spreads(values: Array) -> dict[str, Array]:
-    """Return median, interquartile range and mean absolute deviation, (...,).
-
-    ``values`` are (..., n) without NaN, such as one row per draw of a bootstrap. The
-    deviation is from the mean.
-    """
-    q25, median, q75 = np.quantile(values, [0.25, 0.5, 0.75], axis=-1)
-    away = np.abs(values - values.mean(axis=-1, keepdims=True)).mean(axis=-1)
-    return {"median": median, "iqr": q75 - q25, "mae_centred": away}

@@ -520,19 +520,17 @@ def place_marked(subsets: Iterable[Subset], wall: Cylinder) -> DataFrame:
         ``z`` in mm, the mean of the points in its pixels; ``distance_mm`` from the
         axis. The last four are NaN without a point ("no 3D", section 5.1.1).
     """
-    parts = [_mean_places(each, view) for each in subsets for view in each.views()]
-    return with_distance(pd.concat(parts, ignore_index=True), wall)
-
-
-def _mean_places(subset: Subset, view: View) -> DataFrame:
-    """Return the marked particles of a view with the mean of their points in mm."""
     columns = ["frame", "particle", "row", "col", "label"]
-    here = subset.particles["frame"] == view.number
-    row, col = view.pixels.T
-    shown = subset.instances(view.number)[row, col]
-    means = DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
-    particles = subset.particles.loc[here, columns].assign(subset=subset.name)
-    return particles.join(means, on="particle")
+    parts = []
+    for subset in subsets:
+        for view in subset.views():
+            here = subset.particles["frame"] == view.number
+            row, col = view.pixels.T
+            shown = subset.instances(view.number)[row, col]
+            means = DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
+            particles = subset.particles.loc[here, columns].assign(subset=subset.name)
+            parts.append(particles.join(means, on="particle"))
+    return with_distance(pd.concat(parts, ignore_index=True), wall)
 
 
 def with_distance(table: DataFrame, wall: Cylinder) -> DataFrame:

@@ -189,21 +189,17 @@ class Background:
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length at four scales."""
+        generator = np.random.default_rng([self.seed, 101])
         total = np.zeros(around.shape)
         power = 0.0
-        for (cells, weight), noise in zip(TEXTURE, self._fields, strict=True):
+        for cells, weight in TEXTURE:
+            field = generator.normal(size=(cells, cells)).astype(np.float32)
+            noise = np.pad(field, 2, mode="wrap")  # its ends meet
             x = ((around % 1.0) * cells + 1.5).astype(np.float32)
             y = ((along % 1.0) * cells + 1.5).astype(np.float32)
             total += weight * cv2.remap(noise, x, y, cv2.INTER_CUBIC)
             power += weight**2
         return total / np.sqrt(power)
-
-    @cached_property
-    def _fields(self) -> list[Single]:
-        """White noise of each scale of the texture; its ends meet."""
-        generator = np.random.default_rng([self.seed, 101])
-        fields = [generator.normal(size=(cells, cells)) for cells, _ in TEXTURE]
-        return [np.pad(field.astype(np.float32), 2, mode="wrap") for field in fields]
 
     def common(self, time_s: float) -> float:
         """Return the relative brightness of the whole picture, about 1."""

@@ -207,7 +207,13 @@ class Twin:
 
     def _sight(self, t: int, view: SceneView) -> Sight:
         """Return the particles of frame ``t`` as the lenses see them."""
-        return self._wall.see_particles(view, self._draw_errors(t), self._random(t, 2))
+        camera = self.scene.depth
+        end_s = self.life.release_s + self.life.flights.end_s
+        flying = end_s > self.time_s(t)
+        # The common error in mm of each particle's depth.
+        size = np.where(flying, self._flying_errors_mm, camera.wall_particle_mm)
+        error = camera.scale * size * self._random(t, 3).standard_normal(len(size))
+        return self._wall.see_particles(view, error, self._random(t, 2))
 
     def particles_with_depth(self, t: int, view: SceneView) -> Index:
         """Return the particles with at least one valid point in frame ``t``."""
@@ -221,14 +227,6 @@ class Twin:
         """Standard deviation of each particle's common error in flight, (n,)."""
         errors = dict(self.scene.depth.particle_error_mm)
         return np.asarray(self.life.table["fraction"].map(errors), float)
-
-    def _draw_errors(self, t: int) -> Array:
-        """Draw the common error in mm of each particle's depth in frame ``t``, (n,)."""
-        camera = self.scene.depth
-        end_s = self.life.release_s + self.life.flights.end_s
-        flying = end_s > self.time_s(t)
-        size = np.where(flying, self._flying_errors_mm, camera.wall_particle_mm)
-        return camera.scale * size * self._random(t, 3).standard_normal(len(size))
 
 
 @njit(cache=True)
