@@ -373,23 +373,20 @@ class Planar(Settings):
         ``roi`` are corners (row, col) of a polygon in px; particles outside are left
         out.
         """
-        spots = self._discs(view.foreground, roi)
+        if isinstance(self.detector, Otsu):
+            spots = self.detector(view.foreground)
+        else:
+            graded = self.detector.graded(view.foreground, roi)
+            apart = 1.0  # DoG may find one spot in two octaves
+            if self.size_px:
+                apart = self.size_px / 2
+                graded = graded[np.abs(np.log(graded[:, 2] / apart)) < np.log(2)]
+            spots = _strongest(graded, apart)
         if roi is not None:
             spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
         unknown = np.full((len(spots), 3), np.nan)
         none = np.zeros((len(spots), 2))
         return _table(np.column_stack([spots, unknown, none]), view.gray, frame)
-
-    def _discs(self, foreground: Single, roi: Polygon | None) -> Array:
-        """Return row, column and radius (n, 3) in px of the particles' discs."""
-        if isinstance(self.detector, Otsu):
-            return self.detector(foreground)
-        spots = self.detector.graded(foreground, roi)
-        if not self.size_px:
-            return _strongest(spots, apart=1.0)  # DoG may find one spot in two octaves
-        radius = self.size_px / 2
-        similar = np.abs(np.log(spots[:, 2] / radius)) < np.log(2)
-        return _strongest(spots[similar], apart=radius)
 
 
 def _strongest(graded: Array, apart: float) -> Array:
@@ -464,7 +461,17 @@ def decide_case(
     if case == 1:
         return _particle(spots[0], clusters.xyz, case)
     spot = _middle(clusters.pixels) if case in (2, 4) else spots[0]
-    area = widened(_searched(case, spots, clusters, evidence.gray.shape, rectangular))
+    # The rectangle in which the case looks at grey values.
+    if case == 3:
+        areas, _ = areas_of(clusters, rectangular)
+        area = overlap(spots[0], areas, evidence.gray.shape)
+    elif case == 5:
+        row, col, radius = spots[0]
+        sides = [row - radius, row + radius + 1, col - radius, col + radius + 1]
+        area = np.round(sides).astype(np.intp)
+    else:
+        area = around(clusters.pixels)
+    area = widened(area)
     if case in (4, 5):
         particle = _particle(spot, clusters.xyz, case)
         return particle if evidence.real(area) else particle[:0]
@@ -472,22 +479,6 @@ def decide_case(
     if len(peaks) < 2:
         return _particle(spot, clusters.xyz, case)
     return _divided(case, peaks, spots[:, 2].min(), clusters)
-
-
-def _searched(
-    case: int, spots: Array, clusters: Clusters, shape: Any, rectangular: bool
-) -> Index:
-    """Return the rectangle (4,) in which a case looks at grey values.
-
-    ``shape`` is that of the image; the others are those of `decide_case`.
-    """
-    if case == 3:
-        return overlap(spots[0], areas_of(clusters, rectangular)[0], shape)
-    if case == 5:
-        row, col, radius = spots[0]
-        sides = [row - radius, row + radius + 1, col - radius, col + radius + 1]
-        return np.round(sides).astype(np.intp)
-    return around(clusters.pixels)
 
 
 def _divided(case: int, peaks: Array, smallest: float, clusters: Clusters) -> Array:

@@ -279,22 +279,18 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
     keys = cells.keys
     starts = cells.starts
     steps = cells.steps
-    x = cells.points[:, 0].copy()
-    y = cells.points[:, 1].copy()
-    z = cells.points[:, 2].copy()
+    points = cells.points
     first = np.zeros(_ROWS, np.int64)
     begin = np.zeros(_ROWS, np.int64)
     end = np.zeros(_ROWS, np.int64)
-    core = np.ones(len(x), np.bool_)
+    core = np.ones(len(points), np.bool_)
     for cell in range(len(keys)):
         if starts[cell + 1] - starts[cell] >= min_points:
             continue
         known = 0
         for a in range(starts[cell], starts[cell + 1]):
             neighbours = 0
-            point_x = x[a]
-            point_y = y[a]
-            point_z = z[a]
+            x, y, z = points[a]
             for r in range(_ROWS):
                 if r == known:
                     first[r] = _advance(keys, first[r], keys[cell] + steps[r] - _REACH)
@@ -304,9 +300,9 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
                     ]
                     known += 1
                 for b in range(begin[r], end[r]):
-                    along_x = point_x - x[b]
-                    along_y = point_y - y[b]
-                    along_z = point_z - z[b]
+                    along_x = x - points[b, 0]
+                    along_y = y - points[b, 1]
+                    along_z = z - points[b, 2]
                     neighbours += (
                         along_x * along_x + along_y * along_y + along_z * along_z
                         <= limit

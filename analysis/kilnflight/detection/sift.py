@@ -164,8 +164,15 @@ class DoG(Settings):
         corners = None
         if within is not None:
             corners = check_polygon(within, "DoG: within")
-        if self.enlarge > 1 and image.size:
-            return self._graded_enlarged(image, corners)
+        times = self.enlarge
+        if times > 1 and image.size:
+            shift = (times - 1) / 2  # px from the middle of a pixel to its first
+            if corners is not None:
+                corners = times * corners + shift
+            blur = min(times * self.camera_blur, SIGMA_PX)
+            plain = replace(self, camera_blur=blur, enlarge=1)
+            found = plain.graded(enlarged(image, times), corners)
+            return (found - [shift, shift, 0, 0]) / [times, times, times, 1]
         octaves = [np.empty((0, 4))]
         spacing = 1.0
         if image.size:
@@ -176,17 +183,6 @@ class DoG(Settings):
             image = _blur(image, _NEXT, 2)
             spacing *= 2
         return np.concatenate(octaves)
-
-    def _graded_enlarged(self, image: Single, within: Array | None) -> Array:
-        """Return what `graded` finds in the enlarged image (rows, cols)."""
-        times = self.enlarge
-        shift = (times - 1) / 2  # px from the middle of a pixel to that of its first
-        if within is not None:
-            within = times * within + shift
-        blur = min(times * self.camera_blur, SIGMA_PX)
-        plain = replace(self, camera_blur=blur, enlarge=1)
-        found = plain.graded(enlarged(image, times), within)
-        return (found - [shift, shift, 0, 0]) / [times, times, times, 1]
 
     def _octave(self, image: Single, spacing: float, within: Array | None) -> Array:
         """Return row, col, radius, largest threshold (n, 4) of an octave's keypoints.

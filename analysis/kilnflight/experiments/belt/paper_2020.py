@@ -406,22 +406,17 @@ def bootstrap(
     samples = []
     for replicate in range(replicates):
         of_draw = values[replicate % len(draws)]
-        drawn = generator.integers(0, len(of_draw), len(of_draw))
-        samples.append(_measures(of_draw[drawn]))
+        drawn = of_draw[generator.integers(0, len(of_draw), len(of_draw))]
+        quantile = np.quantile
+        # NumPy takes all columns at once if none holds NaN, which is much faster.
+        if np.isnan(drawn).any():
+            quantile = np.nanquantile
+        spread = np.subtract(*quantile(drawn, [0.75, 0.25], axis=0))
+        samples.append([np.nanmean(np.abs(drawn), axis=0), spread])
     by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
     return {
         name: DataFrame(sample, columns=list(draws[0])) for name, sample in by_measure
     }
-
-
-def _measures(values: Array) -> Array:
-    """Return MAE and IQR (2, models) of deviations (n, models), NaN ignored."""
-    quantile = np.quantile
-    # NumPy takes all columns at once if none holds NaN, which is much faster.
-    if np.isnan(values).any():
-        quantile = np.nanquantile
-    spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))
-    return np.stack([np.nanmean(np.abs(values), axis=0), spread])
 
 
 def holds(

@@ -84,20 +84,6 @@ class Window(NamedTuple):
     lance: Lance
 
 
-def scored_frames(twin: Twin, scale: str, by_starts: bool) -> range:
-    """Return the frames of Table 5.15, or the part in which most particles fly.
-
-    A reduced ``scale`` takes `LENGTHS` frames. ``by_starts``: see `tracking_window`.
-    """
-    within = tracking_window(twin, by_starts)
-    length = LENGTHS[scale] or len(within)
-    starts = np.arange(within.start, within.stop - length + 1)
-    begin, end = flight_frames(twin)
-    flying = (begin < starts[:, None] + length) & (end > starts[:, None])
-    start = int(starts[flying.sum(axis=1).argmax()])
-    return range(start, start + length)
-
-
 def windows(
     scale: str,
     settings: LearnedSettings,
@@ -129,10 +115,18 @@ def windows(
     for fraction in SMOKE_FRACTIONS if scale == "quick" else FRACTIONS:
         name = scene_name(campaign_name(fraction, 4.5), scenario)
         source = TwinSource(name, seed)
+        twin = source.recording()
+        within = tracking_window(twin, by_starts)
+        # A reduced scale has the part in which most particles fly.
+        length = LENGTHS[scale] or len(within)
+        starts = np.arange(within.start, within.stop - length + 1)
+        begin, end = flight_frames(twin)
+        flying = (begin < starts[:, None] + length) & (end > starts[:, None])
+        start = int(starts[flying.sum(axis=1).argmax()])
         stored.append(
             StoredDifferences(
                 source=source,
-                frames=scored_frames(source.recording(), scale, by_starts),
+                frames=range(start, start + length),
                 detector=Combination(sift(settings.threshold)),
                 background=BACKGROUNDS[scale],
             )

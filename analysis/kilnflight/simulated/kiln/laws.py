@@ -223,11 +223,6 @@ def _draw_paths(
         end_s=np.full(count, LONGEST_S),
         end=np.full(count, FLYING),
     )
-    return _end(flights, geometry)
-
-
-def _end(flights: Flights, geometry: Geometry) -> Flights:
-    """Return flights with the time and kind of their end."""
     times = GRID_S * np.arange(round(LONGEST_S / GRID_S) + 1.0)
     s, y, z = np.moveaxis(flights.position(times[:, None]), -1, 0)
     landed_s = _first_time(np.hypot(y, z) - geometry.kiln_radius_mm / 1000.0)

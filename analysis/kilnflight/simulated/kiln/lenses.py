@@ -484,9 +484,8 @@ def _choose_textured(
     edge = background.interior.edge_px  # no pixel there has depth
     score = np.pad(score[edge:-edge, edge:-edge], edge).reshape(-1)
     count = int(camera.wall_points / camera.kept_per_frame)
-    best = np.flatnonzero(score >= np.partition(score, -count)[-count])
     # Ties go to the first pixel.
-    best = np.sort(best[np.argsort(-score[best], kind="stable")[:count]])
+    best = np.sort(np.argsort(-score, kind="stable")[:count])
     return best[score[best] > 0]
 
 
