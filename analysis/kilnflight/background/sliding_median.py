@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from kilnflight.arrays import Anything
 from kilnflight.background.frames import HeldFrames, surrounding
+from kilnflight.compiled import compiled
 
 # Frame numbers and images (rows, cols).
 Backgrounds = Iterator[tuple[int, Anything]]
@@ -192,7 +192,7 @@ def _allocated(steps: list[_Step]) -> list[list[int]]:
     return table
 
 
-@njit(cache=True)
+@compiled
 def _execute(
     table: Any, scratch: Any, pixels: Any, frames: Any, out: Any, start: Any
 ) -> None:
@@ -231,7 +231,7 @@ def _execute(
                 _middle(scratch, (b, c, d, e), frame, target)
 
 
-@njit(cache=True)
+@compiled
 def _middle(scratch: Any, ranks: Any, frame: Any, out: Any) -> None:
     """Write into ``out`` (p,) the median of a window without the frame itself.
 

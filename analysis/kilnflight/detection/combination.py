@@ -26,7 +26,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from pandas import DataFrame
 from scipy.sparse import coo_array
@@ -35,6 +34,7 @@ from scipy.spatial import KDTree
 
 from kilnflight.arrays import Anything, Array, Index, Integers, Single
 from kilnflight.checks import Positive, Settings
+from kilnflight.compiled import compiled
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
 from kilnflight.detection.region import inside
@@ -165,7 +165,7 @@ def potential_particles(
         yield case, order[first:middle], order[middle:end] - spots
 
 
-@numba.njit(cache=True)
+@compiled
 def _touching(discs: Any, areas: Any, smallest: float) -> Any:
     """Return whether each disc shares a pixel with each area, (n, m).
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Index, Whole
@@ -22,6 +21,7 @@ from kilnflight.checks import (
     check_finite,
     check_number,
 )
+from kilnflight.compiled import compiled
 from kilnflight.detection.disjoint import find_root
 
 NOISE = -1
@@ -197,7 +197,7 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     )
 
 
-@njit(cache=True)
+@compiled
 def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
     """Return the number (n,) of each point's cell, int64.
 
@@ -213,7 +213,7 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
     return keys
 
 
-@njit(cache=True)
+@compiled
 def _radix_sort(keys: Any, bound: int) -> Any:
     """Return keys (n,) in [0, bound] sorted, and their stable order (n,), int64.
 
@@ -240,7 +240,7 @@ def _radix_sort(keys: Any, bound: int) -> Any:
     return keys, order
 
 
-@njit(cache=True)
+@compiled
 def _advance(keys: Any, start: int, bound: int) -> int:
     """Return the index of the first key not below ``bound``, from ``start`` on.
 
@@ -251,7 +251,7 @@ def _advance(keys: Any, start: int, bound: int) -> int:
     return start
 
 
-@njit(cache=True)
+@compiled
 def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> bool:
     """Return whether one of the points (n, 3) is within eps of a box.
 
@@ -267,7 +267,7 @@ def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> boo
     return square <= limit
 
 
-@njit(cache=True)
+@compiled
 def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
     """Return whether each of ``cells.points`` is a core point, (n,).
 
@@ -328,7 +328,7 @@ def _only(cells: _Cells, core: Flags) -> _Cells:
     )
 
 
-@njit(cache=True)
+@compiled
 def _boxes(cells: _Cells) -> Any:
     """Return the smallest and the largest x, y, z of each cell's points, (m, 3) in mm.
 
@@ -344,7 +344,7 @@ def _boxes(cells: _Cells) -> Any:
     return low, high
 
 
-@njit(cache=True)
+@compiled
 def _reaches(cells: _Cells, a: int, inner: _Cells, other: int, limit: float) -> bool:
     """Return whether point ``a`` is within eps of a point of the cell ``other``.
 
@@ -357,7 +357,7 @@ def _reaches(cells: _Cells, a: int, inner: _Cells, other: int, limit: float) -> 
     return False
 
 
-@njit(cache=True)
+@compiled
 def _touch(
     cells: _Cells, low: Any, high: Any, cell: int, other: int, limit: float
 ) -> bool:
@@ -374,7 +374,7 @@ def _touch(
     return False
 
 
-@njit(cache=True)
+@compiled
 def _connected_cells(cells: _Cells, limit: float) -> Any:
     """Return the first cell (m,) of each cell's cluster, an index in ``cells.keys``.
 
@@ -411,7 +411,7 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
     return parents
 
 
-@njit(cache=True)
+@compiled
 def _add_borders(
     cells: _Cells, inner: _Cells, numbers: Any, limit: float, labels: Any
 ) -> None:

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from numba import njit
+from kilnflight.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def find_root(parents: Any, member: int) -> int:
     """Return the root of a member's set, halving the way to it.
 
@@ -18,7 +18,7 @@ def find_root(parents: Any, member: int) -> int:
     return member
 
 
-@njit(cache=True)
+@compiled
 def unite(parents: Any, member: int, other: int) -> bool:
     """Join two members' sets under the lower root; return whether they differed.
 

@@ -16,10 +16,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
 import cv2
-import numba
 import numpy as np
 
 from kilnflight.arrays import Array, Flags, Integers, Single
+from kilnflight.compiled import compiled
 from kilnflight.detection.disjoint import find_root
 
 # Multiple of the noise by which a peak must stand out; ours. In an area of noise alone,
@@ -58,7 +58,7 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
     return peaks
 
 
-@numba.njit(cache=True)
+@compiled
 def _part(image: Single, area: Integers) -> Single:
     """Return a copy (rows, cols) of an area (4,) of the image.
 
@@ -72,7 +72,7 @@ def _part(image: Single, area: Integers) -> Single:
     return part.copy()
 
 
-@numba.njit(cache=True)
+@compiled
 def _area_peaks(area: Single, prominence: float) -> Array:
     """Return row, column and prominence (k, 3) of an area's peaks, the highest first.
 
@@ -119,14 +119,14 @@ def _area_peaks(area: Single, prominence: float) -> Array:
     return peaks[inner & (peaks[:, 2] >= prominence)]
 
 
-@numba.njit(cache=True)
+@compiled
 def _border_median(area: Single) -> float:
     """Return the median of the outermost pixels of an area (rows, cols), each once."""
     sides = np.concatenate((area[0], area[-1], area[1:-1, 0], area[1:-1, -1]))
     return float(np.median(sides))
 
 
-@numba.njit(cache=True)
+@compiled
 def _has_peak(area: Single, prominence: float) -> bool:
     """Return whether an area (rows, cols) has a peak, as `_area_peaks` would find.
 
@@ -155,7 +155,7 @@ def _has_peak(area: Single, prominence: float) -> bool:
     return False
 
 
-@numba.njit(cache=True)
+@compiled
 def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> Flags:
     """Return whether each area (n, 4) has a peak where two pictures differ.
 
@@ -167,7 +167,7 @@ def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> F
     return np.array([_has_peak(change, prominence) for change in changes])
 
 
-@numba.njit(cache=True)
+@compiled
 def _stands_out(area: Single, place: tuple[int, int], prominence: float) -> bool:
     """Return whether no higher pixel can be reached from ``place`` (flood fill).
 
@@ -195,7 +195,7 @@ def _stands_out(area: Single, place: tuple[int, int], prominence: float) -> bool
     return True
 
 
-@numba.njit(cache=True)
+@compiled
 def disc_pixels(discs: Any, smallest: float, shape: Any) -> Any:
     """Return disc, row and column (3, m) of each pixel within a disc.
 

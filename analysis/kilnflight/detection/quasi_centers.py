@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numba import njit, types
+from numba import types
 from numba.typed import Dict
 from scipy.spatial import cKDTree
 
 from kilnflight.arrays import Array, ArrayLike, Index, Integers
 from kilnflight.checks import Count, NotNegative, Settings, check_finite
+from kilnflight.compiled import compiled
 from kilnflight.detection.dbscan import NOISE
 from kilnflight.detection.disjoint import find_root, unite
 
@@ -159,7 +160,7 @@ class _Graph(NamedTuple):
     groups: Any
 
 
-@njit(cache=True)
+@compiled
 def _centers(neighbors: Any, sparsity: Any) -> Any:
     """Return ``centers`` (n,) and ``groups`` (n,) of `_Graph`.
 
@@ -182,7 +183,7 @@ def _centers(neighbors: Any, sparsity: Any) -> Any:
     return centers, groups
 
 
-@njit(cache=True)
+@compiled
 def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
     """Write the different clusters of a list into ``members``; return how many.
 
@@ -199,7 +200,7 @@ def _gather(entry: int, chains: Any, clusters: Any, members: Any) -> int:
     return count
 
 
-@njit(cache=True)
+@compiled
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
     """Count a point for each pair of its clusters; return whether a pair was merged.
 
@@ -220,7 +221,7 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
     return merged
 
 
-@njit(cache=True)
+@compiled
 def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
     """Return the clusters that reach each group, as linked lists.
 
@@ -271,7 +272,7 @@ def _spread(graph: _Graph, clusters: Any, alpha: float) -> Any:
     return heads, chains
 
 
-@njit(cache=True)
+@compiled
 def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bool:
     """Merge clusters that share too many points; return whether any did.
 
@@ -287,7 +288,7 @@ def _merge(entries: Any, chains: Any, clusters: Any, k: int, alpha: float) -> bo
     return merged
 
 
-@njit(cache=True)
+@compiled
 def _choose(graph: _Graph, heads: Any, chains: Any, clusters: Any) -> Any:
     """Return the cluster (n,) of each point, by the index of its centre.
 

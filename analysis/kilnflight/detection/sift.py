@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from numba import njit
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Single
 from kilnflight.checks import NotNegative, Range, Settings
+from kilnflight.compiled import compiled
 from kilnflight.detection.otsu import check_foreground
 from kilnflight.detection.region import check_polygon
 
@@ -212,7 +212,7 @@ def enlarged(image: Single, times: int) -> Single:
     )
 
 
-@njit(cache=True)
+@compiled
 def _mirrored(start: int, stop: int, size: int) -> Any:
     """Return the pixel (stop - start,) at each place along a mirrored axis.
 
@@ -223,7 +223,7 @@ def _mirrored(start: int, stop: int, size: int) -> Any:
     return np.minimum(places % period, -places % period)
 
 
-@njit(cache=True)
+@compiled
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
     """Write a line, blurred along one axis of an image, into ``target`` (size,).
 
@@ -261,7 +261,7 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
             target[x] += u * (a[x] + b[x])
 
 
-@njit(cache=True)
+@compiled
 def _blur(image: Any, weights: Any, step: int) -> Any:
     """Return every ``step``-th pixel of the blurred image (Eq. 2.21), float32.
 
@@ -292,7 +292,7 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
     return out
 
 
-@njit(cache=True)
+@compiled
 def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
     """Return the differences of Gaussians (kernels - 1 or 2, rows, cols) in a box.
 
@@ -332,7 +332,7 @@ def _differences(image: Any, box: _Box, kernels: Any, level: float) -> Any:
     return gaussians[:-1] - gaussians[1:]
 
 
-@njit(cache=True)
+@compiled
 def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float) -> Any:
     """Return a list of the keypoints (n, 7) of each box, columns as of `_keypoints`.
 
@@ -356,7 +356,7 @@ def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float)
     return found
 
 
-@njit(cache=True)
+@compiled
 def _maxima(stack: Any, level: float) -> Any:
     """Return a list of layer, row, col of each local maximum of a stack.
 
@@ -386,7 +386,7 @@ def _maxima(stack: Any, level: float) -> Any:
     return places
 
 
-@njit(cache=True)
+@compiled
 def _keypoints(stack: Any, visit: _Box, threshold: float, edge: float) -> Any:
     """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
@@ -426,7 +426,7 @@ def _keypoints(stack: Any, visit: _Box, threshold: float, edge: float) -> Any:
     return points[:count].copy()
 
 
-@njit(cache=True)
+@compiled
 def _derivatives(cube: Any) -> Any:
     """Return value, gradient (3,) and Hessian (3, 3) in the middle of a cube.
 
@@ -450,7 +450,7 @@ def _derivatives(cube: Any) -> Any:
     return values[13], gradient, hessian
 
 
-@njit(cache=True)
+@compiled
 def _extremum(gradient: Any, hessian: Any) -> Any:
     """Return the offset (3,) in samples of a quadratic's extremum (Eq. 2.26).
 
@@ -466,7 +466,7 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
     return -solution / determinant
 
 
-@njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
+@compiled
 def _block_ranges(image: Any) -> Any:
     """Return the extreme values of each block, (block rows, block cols) each.
 
@@ -516,7 +516,7 @@ def _near(polygon: Array, shape: tuple[int, ...], side: float) -> Flags:
     return cv2.dilate(drawn, np.ones((5, 5), np.uint8)) > 0
 
 
-@njit(cache=True)
+@compiled
 def _boxes(live: Any, shape: tuple[int, int]) -> Any:
     """Return a list of the boxes to search, in px.
 

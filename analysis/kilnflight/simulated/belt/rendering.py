@@ -9,13 +9,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from pandas import DataFrame
 from scipy.spatial.transform import Rotation
 
 from kilnflight.arrays import Array, Picture, Single
 from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError
+from kilnflight.compiled import compiled
 from kilnflight.tables import BELT_TRACKS
 
 ROWS = 708  # size of a picture in px (section IV.B), as are the next two
@@ -207,7 +207,7 @@ class Pictures:
         return (picture.astype(np.float32) + 2.0 * texture).astype(np.float32)
 
 
-@njit(cache=True)
+@compiled
 def _cover(picture: Single, outline: tuple[float, ...]) -> None:
     """Draw a rectangle with round corners into a picture (rows, cols), in place.
 
@@ -246,7 +246,7 @@ def _cover(picture: Single, outline: tuple[float, ...]) -> None:
             picture[i, j] = np.float32(value + mixed * (PARTICLE_GRAY - value))
 
 
-@njit(cache=True)
+@compiled
 def _distance(u: np.float32, v: np.float32) -> np.float32:
     """Return the distance in px from a rectangle, given those from its sides' lines.
 

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Generator, Index, Picture, Single
 from kilnflight.camera import EQUATION_2_4, invert_depth
+from kilnflight.compiled import compiled
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 from kilnflight.simulated.kiln.picture import MARKED_RADIUS, SceneView
@@ -251,7 +251,7 @@ def measure_contrast(
     return np.maximum(_blur(means[1]) - mean * mean, 0.0), mean
 
 
-@njit(cache=True)
+@compiled
 def _block_means(picture: Any, wanted: Any, side: int, full_scale: Any) -> Any:
     """Return the means of grey values, and of their squares, in the wanted blocks.
 

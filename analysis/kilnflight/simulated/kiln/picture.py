@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from pandas import DataFrame
 
 from kilnflight.arrays import Array, Flags, Index, Picture, Single
+from kilnflight.compiled import compiled
 from kilnflight.simulated.kiln.fuel import are_sheets
 from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry
 from kilnflight.simulated.kiln.life import Moment
@@ -198,7 +198,7 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
     return Pixels(*_search(middle, form, first, end, columns))
 
 
-@njit(cache=True)
+@compiled
 def _search(middle: Any, form: Any, first: Any, end: Any, columns: int) -> Any:
     """Return blob, place and radius of the pixels of ellipses, as `Pixels`.
 
@@ -261,7 +261,7 @@ def paint(
     return marked, count >= VISIBLE_PX
 
 
-@njit(cache=True)
+@compiled
 def _lay_over(picture: Any, place: Any, added: Any, covered: Any) -> Any:
     """Draw pixels at places (k,) into a picture, in place, one after the other.
 

@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from kilnflight.arrays import Array, Generator, Index, Single
 from kilnflight.camera import EQUATION_2_4
+from kilnflight.compiled import compiled
 from kilnflight.recording.frames import Attributes, Frame, Gray, check_position
 from kilnflight.simulated.kiln.background import Background
 from kilnflight.simulated.kiln.feeding import class_of, feed_campaign, feed_subset
@@ -229,7 +229,7 @@ class Twin:
         return np.asarray(self.life.table["fraction"].map(errors), float)
 
 
-@njit(cache=True)
+@compiled
 def _add_noise(picture: Any, noise: Any, gain: Any, read: Any) -> Any:
     """Return grey values: a picture with noise of variance ``gain * picture + read``.
 
