@@ -19,6 +19,7 @@ from kilnflight.publication.style import (
     COLOURS,
     HATCHES,
     LINES,
+    LOOKS,
     PAGE_MM,
     PUBLISHED,
     PUBLISHED_BAR,
@@ -28,7 +29,6 @@ from kilnflight.publication.style import (
 from kilnflight.scores.flights import MARKS_M
 
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
-CROSSES = {"marker": "+", "markersize": 3, "markeredgewidth": 0.5}
 # Scores as they are written.
 SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}
 
@@ -52,19 +52,13 @@ def draw_grouped_boxes(
     for k, (name, series) in enumerate(groups.items()):
         place = _beside(k, len(groups), len(series))
         finite = [values[np.isfinite(values)] for values in series]
-        box = {
-            "facecolor": FACES[k],
-            "hatch": HATCHES[k],
-            "edgecolor": "black",
-            "linewidth": 0.6,
-            "linestyle": "-",
-        }
+        box = LOOKS["grouped_box"] | {"facecolor": FACES[k], "hatch": HATCHES[k]}
         axes.boxplot(
             finite,
             positions=place,
             widths=0.68 / len(groups),
             label=name,
-            flierprops=CROSSES,
+            flierprops=LOOKS["crosses"],
             boxprops=box,
             **BOXES,
         )

@@ -1,6 +1,7 @@
 """The look of all figures: one style, print size, readable without colours."""
 
 import re
+import tomllib
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,40 +31,11 @@ LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
-# What a work prints has one look in all pictures; an interval of it is a bar.
-PUBLISHED: dict[str, Any] = {
-    "marker": "D",
-    "color": COLOURS[1],
-    "mec": "black",
-    "mew": 0.5,
-    "ms": 4.5,
-    "ls": "none",
-    "zorder": 3,
-    "label": "published",
-}
-PUBLISHED_BAR: dict[str, Any] = {
-    "color": COLOURS[1],
-    "lw": 3,
-    "alpha": 0.6,
-    "ls": "-",
-    "zorder": 3,
-    "label": "published",
-}
-
-THIN: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
-THIN_BOX = {
-    "facecolor": "0.9",
-    "edgecolor": "black",
-    "linewidth": 0.7,
-    "linestyle": "-",
-}
-BOXES: dict[str, Any] = {  # arguments of `Axes.boxplot` and `Axes.bxp`
-    "manage_ticks": False,
-    "patch_artist": True,
-    "medianprops": {"color": "black", "linewidth": 2.0, "linestyle": "-"},
-    "whiskerprops": THIN,
-    "capprops": THIN,
-}
+# looks.toml has what figures share, such as the look of what a work prints.
+LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
+PUBLISHED = LOOKS["published"]
+PUBLISHED_BAR = LOOKS["published_bar"]
+BOXES = LOOKS["boxes"]
 
 SHEET = Path(__file__).with_name("kilnflight.mplstyle")
 STYLE: Any = {
@@ -197,13 +169,7 @@ def draw_boxes(axes: Axes, summary: DataFrame) -> None:
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
     """
-    names = {
-        "whisker_low": "whislo",
-        "q25": "q1",
-        "median": "med",
-        "q75": "q3",
-        "whisker_high": "whishi",
-    }
+    names = LOOKS["summary"]
     table = summary[[*names]].rename(columns=names)
     boxes: Any = table.to_dict("records")
     axes.bxp(
@@ -211,7 +177,7 @@ def draw_boxes(axes: Axes, summary: DataFrame) -> None:
         positions=np.arange(len(boxes)),
         widths=0.55,
         showfliers=False,
-        boxprops=THIN_BOX,
+        boxprops=LOOKS["thin_box"],
         **BOXES,
     )
     axes.margins(y=0.12)
