@@ -18,7 +18,7 @@ import pandas as pd
 
 from kilnflight.arrays import Array, Index
 from kilnflight.checks import InputError
-from kilnflight.simulated.kiln.feeding import BURNING, LEAD_S, ON_WALL, UNLIT
+from kilnflight.simulated.kiln.feeding import LEAD_S
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import VARIED, Scene, varied
 from kilnflight.simulated.kiln.light import Optics
@@ -27,12 +27,15 @@ from kilnflight.simulated.kiln.scene import Twin
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
 FRAMES = 160  # length of a subset
-# Labelled particles in ten frames: all (Table 5.2), and within the region of interest
-# (Table 5.3)
-COUNTS: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {
-    BURNING: ((600, 427, 161, 1150, 116), (554, 307, 119, 1066, 109)),
-    UNLIT: ((335, 143, 145, 167, 676), (287, 118, 140, 158, 629)),
-    ON_WALL: ((248, 469, 313, 631, 120), (179, 188, 123, 362, 48)),
+# labelled.csv has the labelled particles of a class in ten frames of each subset: all
+# (Table 5.2), and those within the region of interest (Table 5.3).
+_LABELS: Any = pd.read_csv(Path(__file__).with_name("labelled.csv"))
+COUNTS: dict[int, tuple[tuple[int, ...], ...]] = {
+    row.label: (
+        tuple(map(int, row.everywhere.split())),
+        tuple(map(int, row.within.split())),
+    )
+    for row in _LABELS.itertuples()
 }
 
 # scenes.csv has a fraction a row. Frame rate and exposure: small transparent granules
