@@ -210,12 +210,7 @@ def _execute(
     for first in range(np.uint64(0), np.uint64(pixels.shape[1]), np.uint64(_TILE)):
         count = min(np.uint64(_TILE), np.uint64(pixels.shape[1]) - first)
         for step in range(len(table)):
-            kind = table[step, 0]
-            a = table[step, 1]
-            b = table[step, 2]
-            c = table[step, 3]
-            d = table[step, 4]
-            e = table[step, 5]
+            kind, a, b, c, d, e = table[step]
             if kind == _COMPARE:
                 for p in range(np.uint64(_TILE)):
                     x = scratch[a, p]

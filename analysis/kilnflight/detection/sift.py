@@ -278,17 +278,15 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
     out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
     for i in range(len(out)):
         middle = step * i + reach
-        target = out[i] if step == 1 else across
         low = lines[middle - away]
         high = lines[middle + away]
         _pass(image.ravel(), low, high, weights, down[reach : reach + cols])
         for x in range(reach):
             down[x] = down[reach + ends[x]]
             down[-1 - x] = down[reach + ends[-1 - x]]
-        _pass(down, reach - away, reach + away, weights, target)
-        if step > 1:
-            for x in range(out.shape[1]):  # a slice assigned is slow to compile
-                out[i, x] = across[step * x]
+        _pass(down, reach - away, reach + away, weights, across)
+        for x in range(out.shape[1]):  # a slice assigned is slow to compile
+            out[i, x] = across[step * x]
     return out
 
 
@@ -369,10 +367,7 @@ def _maxima(stack: Any, level: float) -> Any:
     for layer in range(1, layers - 1):
         for row in range(_WALK, rows - _WALK):
             line = stack[layer, row]
-            high = False
-            for col in range(_WALK, cols - _WALK):  # several at a time
-                high |= line[col] >= level
-            if not high:
+            if line.max() < level:
                 continue  # most lines
             for col in range(_WALK, cols - _WALK):
                 value = line[col]
