@@ -293,12 +293,6 @@ def draw_cloud(wall: DataFrame, particles: DataFrame, marked: DataFrame) -> Figu
     label_camera_space(room)
     room.set_box_aspect((1.9, 1, 1), zoom=1.15)
     room.view_init(elev=18, azim=-60)
-    _enlarge(picture, marked)
-    return picture
-
-
-def _enlarge(picture: Figure, marked: DataFrame) -> None:
-    """Draw the points of one particle at the right of a picture, with their depth."""
     axes = picture.add_axes((0.73, 0.2, 0.24, 0.64))
     beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
     depth = marked["z"] / 1000
@@ -316,6 +310,7 @@ def _enlarge(picture: Figure, marked: DataFrame) -> None:
         pad=0.25,
         shrink=0.9,
     )
+    return picture
 
 
 def draw_k_distances(curves: DataFrame, eps_mm: Sequence[float]) -> Figure:

@@ -313,20 +313,16 @@ class Background:
         smooth *= FLICKER / (smooth.std() * np.sqrt(WAVES))
         return corner * np.tan(np.pi / 2 * strata), smooth
 
-    def _flicker(self, time_s: float) -> Single:
-        """Return the flicker of hot gas (rows, columns): positive factors about 1."""
+    def at(self, time_s: float) -> Single:
+        """Return the picture (rows, columns) at a time, without particles and noise."""
+        # The flicker of hot gas: positive factors about 1.
         hertz, patterns = self._patterns
         angle = 2 * np.pi * hertz * time_s
         weights = np.concatenate([np.cos(angle), np.sin(angle)]).astype(np.float32)
         # BLAS is avoided: its sums depend on the number of its threads.
         field = np.exp(np.einsum("i,ijk->jk", weights, patterns))
         field *= np.float32(np.exp(self.common(time_s) - 1))
-        size = (self.geometry.columns, self.geometry.rows)
-        return cv2.resize(field, size)
-
-    def at(self, time_s: float) -> Single:
-        """Return the picture (rows, columns) at a time, without particles and noise."""
-        picture = self._flicker(time_s)
+        picture = cv2.resize(field, (self.geometry.columns, self.geometry.rows))
         artefacts = np.float32(EDGE_STRENGTH * self.common(2 * time_s))
         edge = self.interior.edge_px
         edges = _edges(*picture.shape, edge)
@@ -335,8 +331,8 @@ class Background:
             picture[strip] *= 1 + edges[strip] * artefacts
         picture *= self.level
         # The clutter: slow faint spots that belong to no particle.
-        corner, spot, hertz, phase = self._clutter
-        cycle = (hertz * time_s + phase) % 1.0
+        corner, spot, rate, phase = self._clutter
+        cycle = (rate * time_s + phase) % 1.0
         share = np.sin(np.pi * cycle / CLUTTER_SHARE).astype(np.float32) ** 2
         side = spot.shape[1]
         for k in np.flatnonzero(cycle < CLUTTER_SHARE):
