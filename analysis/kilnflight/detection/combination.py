@@ -72,9 +72,7 @@ def sort_clusters(pixels: Integers, xyz: Array, labels: Index) -> Clusters:
     labelled = np.flatnonzero(labels >= 0)
     label = labels[labelled]
     sizes = np.bincount(label)
-    # numpy sorts 16 bits by digits, which is ten times faster
-    short = label.astype(np.uint16) if len(sizes) <= 1 << 16 else label
-    order = labelled[np.argsort(short, kind="stable")]
+    order = labelled[np.argsort(label, kind="stable")]
     start = np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.intp)
     # rows are taken: indexing narrow rows is several times slower
     return Clusters(

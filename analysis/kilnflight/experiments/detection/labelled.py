@@ -58,7 +58,7 @@ FRAMES = {"quick": 1, "standard": 1, "full": 10}
 SUBSETS: dict[str, tuple[str, ...]] = {
     "quick": ("V4", "V5"),
     "standard": ("V1", "V4", "V5"),
-    "full": tuple(scenes.SUBSETS),
+    "full": scenes.SUBSETS,
 }
 # Window of the temporal median, 150 frames in section 5.1.2; a reduced run renders few.
 BACKGROUNDS = {"quick": Median(12), "standard": Median(30), "full": Median()}
