@@ -22,6 +22,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from kilnflight.belt.camera import TRACKED, calibrate_camera, find_corners
+from kilnflight.belt.models import Predictor
+from kilnflight.belt.online import ValveSchedule, sort_spots
 from kilnflight.belt.pictures import LEAST_PX, MeasureSpots, Spots, average
 from kilnflight.belt.tracker import (
     BELT_FRAME_S,
@@ -30,7 +32,9 @@ from kilnflight.belt.tracker import (
     BeltTracker,
     constant_velocity,
 )
+from kilnflight.belt.valves import ValveBar
 from kilnflight.simulated.belt.rendering import BULKS, Pictures
+from kilnflight.tracking.filter import Motion
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region
@@ -39,13 +43,16 @@ MOTION = constant_velocity()
 cv2.setNumThreads(1)  # frames per second are told of one core
 
 
-def bodies(frames: int, rate: float = 1 / BELT_FRAME_S) -> pd.DataFrame:
+def bodies(
+    frames: int, in_view: int = IN_VIEW, rate: float = 1 / BELT_FRAME_S, lanes: int = 16
+) -> pd.DataFrame:
     """Return particles that move evenly, none nearer to another than 6 mm."""
     rng = np.random.default_rng(frames)
     life = 300.0 / VELOCITY * rate  # frames
-    count = int(IN_VIEW * (frames / life + 1))
+    count = int(in_view * (frames / life + 1))
     start = np.linspace(-life, frames, count)
-    lane = rng.permuted(np.tile(np.arange(16), count // 16 + 1).reshape(-1, 16), axis=1)
+    turns = np.tile(np.arange(lanes), count // lanes + 1).reshape(-1, lanes)
+    lane = rng.permuted(turns, axis=1)
     y = 10.0 + 10.6 * lane.ravel()[:count] + rng.uniform(-1, 1, count)
     frame = np.ceil(start)[:, None] + np.arange(int(life) + 12)
     x = 388.0 + (frame - start[:, None]) * VELOCITY / rate
@@ -63,6 +70,42 @@ def measured(frames: int) -> pd.DataFrame:
     return table[TRACKED.contains(table[["x", "y"]].to_numpy())].reset_index(drop=True)
 
 
+def sorter(in_view: int, frames: int, rate: float, lanes: int) -> Row:
+    """Return the comparison of a sorter, to the commands of its valves.
+
+    The peer only tracks. Time stands still, so each command is given.
+    """
+    area = replace(TRACKED, width_mm=10.6 * lanes + 10)
+    table = bodies(frames, in_view, rate, lanes)
+    table[["x", "y"]] += np.random.default_rng(1).normal(0, 0.1, (len(table), 2))
+    table = table[area.contains(table[["x", "y"]].to_numpy())].reset_index(drop=True)
+    spots = [
+        (number, rows[["x", "y"]].to_numpy()) for number, rows in table.groupby("frame")
+    ]
+    tracker = BeltTracker(MOTION, Appearance(area), 1 / rate)
+    bar = ValveBar(2 * lanes, area.width_mm, deviations=2.0)
+
+    def sort() -> list:
+        schedule = ValveSchedule(bar)
+        return list(
+            sort_spots(spots, Predictor(), schedule, tracker, clock=lambda: 0.0)
+        )
+
+    if not any(decision.due for decision in sort()):
+        raise AssertionError("the sorter commands no valve")
+    return compare(
+        (
+            f"belt sorter to valves, {in_view} particles in view",
+            "frames",
+            frames,
+            "scipy and filterpy, tracking alone",
+        ),
+        sort,
+        lambda: with_scipy(table, MOTION, 1 / rate),
+        repeats=3,
+    )
+
+
 def with_ours(table: pd.DataFrame) -> np.ndarray:
     """Return the track of each measurement, -1: none."""
     states = TRACKER(table).states
@@ -72,7 +115,9 @@ def with_ours(table: pd.DataFrame) -> np.ndarray:
     return result
 
 
-def with_scipy(table: pd.DataFrame) -> np.ndarray:
+def with_scipy(
+    table: pd.DataFrame, motion: Motion = MOTION, frame_s: float = BELT_FRAME_S
+) -> np.ndarray:
     """Return the same by scipy's assignment of the whole matrix and filterpy
     objects.
     """
@@ -114,21 +159,21 @@ def with_scipy(table: pd.DataFrame) -> np.ndarray:
             if takes[i] < m or misses < 3:
                 kept.append((name, one, 0 if takes[i] < m else misses + 1))
         for j in np.flatnonzero(result[rows] < 0):
-            kept.append((names, _filter(seen[j]), 0))
+            kept.append((names, _filter(seen[j], motion, frame_s), 0))
             result[rows[j]] = names
             names += 1
         tracks = kept
     return result
 
 
-def _filter(place: np.ndarray) -> KalmanFilter:
+def _filter(place: np.ndarray, motion: Motion, frame_s: float) -> KalmanFilter:
     one = KalmanFilter(dim_x=4, dim_z=2)
-    one.x, one.P = MOTION.initial()
+    one.x, one.P = motion.initial()
     one.x[:2] = place
-    one.F = MOTION.transition(BELT_FRAME_S)
-    one.Q = MOTION.process_noise(BELT_FRAME_S)
+    one.F = motion.transition(frame_s)
+    one.Q = motion.process_noise(frame_s)
     one.H = np.eye(2, 4)
-    one.R = MOTION.measurement_noise()
+    one.R = motion.measurement_noise()
     return one
 
 
@@ -193,4 +238,6 @@ def rows() -> list[Row]:
     return [
         without_pictures("scipy and filterpy, one object per track", with_scipy, 100),
         with_pictures(),
+        sorter(118, frames=120, rate=1000.0, lanes=16),
+        sorter(1000, frames=20, rate=200.0, lanes=140),
     ]

@@ -70,7 +70,6 @@ def test_each_number_of_settings_states_its_range():
     assert not unstated
 
 
-@dataclasses.dataclass(frozen=True)
 class Some(Settings):
     share: Share = 0.5
     count: Count | None = None

@@ -19,7 +19,6 @@ from tests.definitions import films
 import kilnflight
 from kilnflight.__main__ import main
 from kilnflight.simulated.belt.rendering import BULKS, Pictures
-from kilnflight.tables import BELT_PREDICTED
 
 PROJECT = Path(__file__).resolve().parents[1]
 TEXTS = ("README.md", "CONTRIBUTING.md", "data/README.md")
@@ -103,31 +102,57 @@ def test_maps_of_depth_get_x_and_y_as_written(film):
     assert set(frame.xyz[:, 2]) == {3000.0}
 
 
-def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
-    frame = np.tile(np.arange(5, 30), 40)
-    start = np.repeat(np.random.default_rng(0).uniform(400, 550, 40), 25)
-    columns = {
-        "frame": frame,
-        "particle": np.repeat(np.arange(40), 25),
-        "time_s": 0.005 * frame,
-    }
-    columns |= {"x": start + 6.0 * frame, "y": np.repeat(np.linspace(5, 175, 40), 25)}
-    np.save(
-        tmp_path / "belt.npy",
-        list(Pictures(pd.DataFrame(columns), BULKS["spheres"], 0).frames(range(30))),
-    )
+@pytest.fixture(scope="module")
+def belt_film():
+    """Return pictures of 60 spheres that all run as fast."""
+    frame = np.tile(np.arange(75), 60)
+    start = np.repeat(np.linspace(50, 390, 60), 75)
+    x = start + 6.0 * frame
+    y = np.repeat(np.random.default_rng(0).permuted(np.linspace(5, 175, 60)), 75)
+    table = pd.DataFrame({"frame": frame, "time_s": 0.005 * frame, "x": x, "y": y})
+    table["particle"] = np.repeat(np.arange(60), 75)
+    table = table[(x > 388) & (x < 800)]
+    return np.array(list(Pictures(table, BULKS["spheres"], 0).frames(range(75))))
+
+
+def test_the_sorter_of_ones_own_runs_as_written(
+    tmp_path, monkeypatch, capsys, belt_film
+):
     monkeypatch.chdir(tmp_path)
-    text, names = (PROJECT / "docs" / "own_recording.md").read_text(), {}
+    np.save("belt.npy", belt_film)
+    text = (PROJECT / "docs" / "sorter.md").read_text()
+    names = {}
     for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
-        if "belt import" in block or "sorter" in block:
-            exec(block, names)
+        exec(block, names)
     gc.unfreeze()
     printed = capsys.readouterr().out
-    assert "1203 mm/s" in printed
-    assert "0 commands were late, 0 too late" in printed
-    commands = len(re.findall(r"valve \d+: open", printed))
-    rest = names["schedule"].step(30 * 0.005, 1.0, BELT_PREDICTED.empty())
-    assert commands + len(rest) >= 5
+    assert "0 late, 0 too late" in printed
+    assert len(re.findall(r"valve \d+: ", printed)) > 20
+    cuboids = int(re.search(r"(\d+) cuboids are blown out", printed)[1])
+    assert cuboids == pytest.approx(200, abs=3)
+    commands = re.findall(r"^    \.venv/bin/kilnflight (.*)", text, re.MULTILINE)
+    for command in commands:
+        main(shlex.split(command))
+    assert len(commands) == 1
+    assert Path("results/predictions.parquet").is_file()
+
+
+def test_the_windows_of_the_sample_are_as_told():
+    line = kilnflight.Line(until_mm=688.0, spread_mm=0.1)
+    tables, _ = kilnflight.predict_line(kilnflight.sample_spots(), line)
+    text = (PROJECT / "docs" / "sorter.md").read_text()
+    told = re.findall(r"^\| [\w ]+ \| (\d+) % \| ([\d.]+) ms \|", text, re.MULTILINE)
+    found = tables["hits"][["hit_percent", "air_ms"]].to_numpy()
+    assert len(told) == len(found)
+    np.testing.assert_allclose(np.array(told, float), found, atol=0.5)
+
+
+def test_the_warnings_of_the_sorter_are_explained():
+    source = PROJECT / "analysis/kilnflight"
+    told = (PROJECT / "docs" / "sorter.md").read_text()
+    for word in ("next to nothing", "taken for", "lost or leave", "there twice"):
+        assert word in told
+        assert word in (source / "belt/watch.py").read_text()
 
 
 @pytest.mark.parametrize("name", TEXTS)

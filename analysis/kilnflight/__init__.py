@@ -48,6 +48,7 @@ import os
 import tempfile
 import tomllib
 from pathlib import Path
+from typing import Any
 
 __version__ = "0.2.0"
 # Public names by task, with the module that each is imported from on first use.
@@ -64,7 +65,7 @@ if not any(os.access(place, os.W_OK) for place in HOMES):
     os.environ.setdefault("NUMBA_CACHE_DIR", f"{own}" if trusted else "")
 
 
-def __getattr__(name: str) -> object:
+def __getattr__(name: str) -> Any:
     """Return a public name, imported on first use: that takes seconds."""
     if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

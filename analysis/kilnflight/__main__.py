@@ -1,4 +1,4 @@
-"""The command line: import, export, info, preview, track, run."""
+"""The command line: import, export, info, preview, track, run, belt."""
 
 import argparse
 import os
@@ -8,9 +8,12 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from kilnflight import __version__
+import kilnflight
+from kilnflight.arrays import Facts
+from kilnflight.checks import InputError
 
-# The modules of a command are imported when it runs: they take time to load.
+# The modules of a command are imported when it runs: they take time to load. So are the
+# public names of kilnflight.
 
 LISTED = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
 # What words of commands.toml stand for.
@@ -23,7 +26,7 @@ WORDS: dict[Any, Any] = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Import, export and inspect recordings; preview, track or run it all."""
+    """Import, export and inspect recordings; preview, track, run it all; sort."""
     parser = _parser()
     options = parser.parse_args(arguments)
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -40,34 +43,28 @@ def main(arguments: list[str] | None = None) -> None:
         parser.exit(2, f"kilnflight {options.command}: {reason}\n")
 
 
-def _opened(options: argparse.Namespace, target: Path | None = None) -> Any:
-    """Return the recording of a command; ``target`` must not lie in it."""
-    from kilnflight.film.run import check_apart
-    from kilnflight.recording.files import open_any
+def _opened(options: argparse.Namespace) -> Any:
+    """Return the recording of a command."""
     from kilnflight.recording.readers import read_array
 
     compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
     if not any(compiled.rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
-    recording = open_any(
+    return kilnflight.open(
         options.recording,
         channel=options.channel,
         frame_rate_hz=options.rate,
         um_per_px=options.scale,
         mask=options.mask and read_array(options.mask),
     )
-    check_apart(target or Path(os.devnull), options.recording, recording)
-    return recording
 
 
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the given settings of `Options` by name."""
-    from kilnflight.film.settings import Options
-
+def _settings(options: argparse.Namespace, kind: Any = None) -> Facts:
+    """Return the given settings of a kind, or of `Options`, by name."""
     return {
         name: value
         for name, value in vars(options).items()
-        if value is not None and hasattr(Options, name)
+        if value is not None and hasattr(kind or kilnflight.Options, name)
     }
 
 
@@ -92,22 +89,20 @@ def _import(options: argparse.Namespace) -> None:
     from kilnflight.film.report import summarise_recording
     from kilnflight.film.run import check_apart
     from kilnflight.recording.series import is_archive
-    from kilnflight.recording.store import write_recording
 
     if is_archive(Path(options.recording)):
         _draft(Path(options.recording), options.to)
         return
-    recording = _opened(options, options.to)
+    recording = _opened(options)
     target = options.to or Path(f"{recording.attributes.name}.zarr")
     check_apart(target, options.recording, recording)
-    stored = write_recording(recording, target)
+    stored = kilnflight.write_recording(recording, target)
     print(f"imported as {stored.path}")
     summarise_recording(stored)
 
 
 def _draft(source: Path, target: Path | None) -> None:
     """Say what an archive or folder holds, and write the draft of its manifest."""
-    from kilnflight.checks import InputError
     from kilnflight.recording import series, survey
     from kilnflight.store.cache import write_whole
 
@@ -123,28 +118,28 @@ def _draft(source: Path, target: Path | None) -> None:
 
 def _export(options: argparse.Namespace) -> None:
     """Write a simulated recording."""
-    from kilnflight.recording.store import write_recording
     from kilnflight.simulated.kiln import scenes, truth
 
     recording = scenes.open_scene(options.scene, seed=options.seed)
     frames = range(*options.frames or (len(recording),))
     tables = truth.tables(recording, frames)
-    stored = write_recording(recording, options.folder, frames, tables)
+    stored = kilnflight.write_recording(recording, options.folder, frames, tables)
     what = f"{len(stored)} frames of {stored.attributes.name}"
     print(f"exported {what} to {options.folder}")
 
 
 def _preview(options: argparse.Namespace) -> None:
     """Draw what five thresholds detect."""
-    from kilnflight.checks import InputError
-    from kilnflight.film.pictures import png, preview
+    from kilnflight.film.pictures import png
+    from kilnflight.film.run import check_apart
     from kilnflight.store.cache import write_whole
 
     target = options.to or Path("preview.png")
     if target.suffix.lower() != ".png":
         raise InputError(f"{target}: name a picture .png.")
-    recording = _opened(options, target)
-    picture = png(preview(recording, **_settings(options)))
+    recording = _opened(options)
+    check_apart(target, options.recording, recording)
+    picture = png(kilnflight.preview(recording, **_settings(options)))
     target.parent.mkdir(parents=True, exist_ok=True)
     write_whole(target, picture)
     print(f"three frames with the detections of five thresholds: {target}")
@@ -152,15 +147,16 @@ def _preview(options: argparse.Namespace) -> None:
 
 def _track(options: argparse.Namespace) -> None:
     """Link detections to tracks."""
-    from kilnflight.association import GNN, JPDA
-    from kilnflight.film.run import track_detections
     from kilnflight.film.spreading import followed
     from kilnflight.recording import track_files
 
     track_files.check_table_target(options.tracks, options.format, options.detections)
-    associator = JPDA() if options.jpda else GNN()
-    tracks = track_detections(
-        options.detections, associator, progress=True, **_settings(options)
+    associator = kilnflight.JPDA() if options.jpda else kilnflight.GNN()
+    tracks = kilnflight.track(
+        options.detections,
+        associator,
+        progress=True,
+        **_settings(options),
     )
     track_files.write_table(tracks, options.tracks, options.format)
     linked = followed(tracks)
@@ -170,11 +166,9 @@ def _track(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     """Run all steps, to tracks and pictures; of several films each in its folder."""
-    from kilnflight.checks import InputError
-    from kilnflight.film.run import check_apart, run_recording
-    from kilnflight.store.parallel import Workers
+    from kilnflight.film.run import check_apart
 
-    workers = Workers(options.jobs or 1, options.scheduler, into_logs=True)
+    workers = kilnflight.Workers(options.jobs or 1, options.scheduler, into_logs=True)
     several = len(options.recordings) > 1
     failed = []
     for path in options.recordings:
@@ -189,27 +183,35 @@ def _run(options: argparse.Namespace) -> None:
             if several and options.to:
                 target /= name
             check_apart(target, path, recording)
-            run_recording(recording, target, workers, **_settings(options))
+            kilnflight.run(recording, target, workers, **_settings(options))
         except (ValueError, OSError) as error:  # as in `main`
             failed.append(f"{error}")
     if failed:
         raise InputError("\n".join(failed))
 
 
-COMMANDS: dict[str, Any] = {
+def _belt(options: argparse.Namespace) -> None:
+    """Predict when particles reach a sorter's valves, from a table of their places."""
+    line = kilnflight.Line(**_settings(options, kilnflight.Line))
+    target = options.to or Path(f"{Path(options.spots).stem}-belt")
+    kilnflight.run_belt(options.spots, target, line, options.calibration)
+
+
+COMMANDS: Facts = {
     "info": _info,
     "import": _import,
     "export": _export,
     "preview": _preview,
     "track": _track,
     "run": _run,
+    "belt": _belt,
 }
 
 
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     parser = argparse.ArgumentParser(prog="kilnflight", description=main.__doc__)
-    version = f"kilnflight {__version__}"
+    version = f"kilnflight {kilnflight.__version__}"
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, arguments in LISTED["commands"].items():

@@ -20,14 +20,13 @@ gate is missed with weight 1.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csgraph, csr_array
 
-from kilnflight.arrays import Array, ArrayLike, Flags, Index
+from kilnflight.arrays import Array, ArrayLike, Flags, Index, Pair, Shape, TwoInts
 from kilnflight.checks import (
     InputError,
     NotNegative,
@@ -71,7 +70,6 @@ LARGE = 2**12  # table entries above which it pays to look for a better order
 _Graph = dict[int, dict[int, float]]  # weight of each edge, from both of its vertices
 
 
-@dataclass(frozen=True)
 class GNN(Settings):
     """Find the assignment of least global cost (Eqs 2.49 and 4.9).
 
@@ -125,7 +123,6 @@ class GNN(Settings):
         return costs + self.size_weight * pairs.size_difference
 
 
-@dataclass(frozen=True)
 class NearestNeighbor(GNN):
     """Give each track its nearest detection (section 2.3.2).
 
@@ -168,7 +165,6 @@ class NearestNeighbor(GNN):
         return np.isin(np.arange(len(costs)), order)
 
 
-@dataclass(frozen=True)
 class PDA(Settings):
     """Weight the detections of each track on its own (Eqs 4.10 to 4.13).
 
@@ -206,7 +202,7 @@ class PDA(Settings):
         np.logaddexp.at(log_sum, pairs.track, log_e)
         return np.exp(log_e - log_sum[pairs.track])
 
-    def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
+    def _logs(self, pairs: Pairs) -> Pair:
         """Return the log weights ln e_j (p,) of pairs and ln b (n,) of missed tracks.
 
         Eqs 4.11 to 4.13. With an empty gate the track is missed for certain; ln b is
@@ -223,7 +219,6 @@ class PDA(Settings):
         return log_e, np.log(np.where(count > 0, b, 1.0))
 
 
-@dataclass(frozen=True)
 class JPDA(PDA):
     """Weight detections jointly: each belongs to at most one track (Eq. 2.64).
 
@@ -369,7 +364,7 @@ def joint_probabilities(
 
 def _marginals(
     i: Index, j: Index, log_pairs: Array, log_missed: Array, most: int
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return the probabilities of p pairs (p,) and of n missed tracks (n,), of JPDA.
 
     They are exact unless a group exceeds ``most``.
@@ -396,7 +391,7 @@ def _marginals(
     alone = weights.missed + np.bincount(i, np.where(shared, 0.0, pairs), n)
     single = np.append(alone, weights.unused)
     # By edge, and (v, v) for a vertex v without an edge.
-    chances = dict[tuple[int, int], float]()
+    chances = dict[TwoInts, float]()
     for order in thinned.orders:
         chances |= _sum_events(order, thinned.graph, single)
     without = np.array([chances.get((v, v), 1.0) for v in range(n)])
@@ -550,14 +545,12 @@ class _Removal(NamedTuple):
     vertex: int
     halves: dict[int, Any]  # index of the axis before that of each neighbour
     axis: int  # axis that the vertex adds
-    shape: tuple[int, ...]  # shape of the table with all vertices, new ones in one axis
+    shape: Shape  # shape of the table with all vertices, new ones in one axis
     free: Array  # weights of the events that leave the vertex to its neighbours
     taken: Array  # weights of the events in which it is matched already
 
 
-def _sum_events(
-    order: list[int], graph: _Graph, single: Array
-) -> dict[tuple[int, int], float]:
+def _sum_events(order: list[int], graph: _Graph, single: Array) -> dict[TwoInts, float]:
     """Return the probabilities of one group's edges and, as (v, v), single vertices.
 
     ``graph`` has the weights of edges, ``single`` those of vertices without an edge. A

@@ -7,7 +7,7 @@ a recording says which calibration its depths need, and none is applied unasked.
 are in mm.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Self
 
@@ -17,7 +17,6 @@ from kilnflight.arrays import Array, ArrayLike, Index
 from kilnflight.checks import InputError, Number, Settings, check_finite
 
 
-@dataclass(frozen=True)
 class DepthCalibration(Settings):
     """Map captured to true depth by one polynomial per segment.
 

@@ -190,7 +190,6 @@ class DetectionRun:
         return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
-@dataclass(frozen=True)
 class Chain(Settings):
     """A recording with all parameters of its flights.
 

@@ -3,13 +3,16 @@
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from numbers import Real
 from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
+    ClassVar,
     Literal,
     NamedTuple,
+    dataclass_transform,
     get_args,
     get_origin,
     get_type_hints,
@@ -18,7 +21,7 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.arrays import Array, Whole
+from kilnflight.arrays import Array, Facts, Texts, Whole
 
 LARGEST = 1e100  # squares of smaller numbers are finite
 LARGEST_WHOLE = 2.0**53  # larger floats skip whole numbers
@@ -41,7 +44,7 @@ class InputError(ValueError):
         return printable(super().__str__())
 
 
-def check_columns(table: Any, columns: Sequence[str], where: str) -> None:
+def check_columns(table: Any, columns: Texts, where: str) -> None:
     """Raise an `InputError` unless a DataFrame has ``columns``, each once."""
     held: Any = getattr(table, "columns", None)
     if not hasattr(held, "nlevels") or hasattr(held, "levels"):
@@ -209,11 +212,18 @@ Count = Annotated[int, Range(least=1, most=1e9)]
 CountFrom0 = Annotated[int, Range(least=0, most=1e9)]
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
 class Settings:
     """Base of frozen dataclasses whose fields are checked by their kinds.
 
-    An error names their class, or ``what`` they are.
+    A class becomes one by its base, with the options of `dataclass` in the brackets. An
+    error names the class, or ``what`` it is.
     """
+
+    __dataclass_fields__: ClassVar[Facts]
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        dataclass(frozen=True, **options)(cls)
 
     def __post_init__(self, what: str = "") -> None:
         settings = type(self)

@@ -6,13 +6,12 @@ The thesis prints no rule: `Ignition` is our test of its sentence.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # stats on first use: they take a quarter of a second
 
-from kilnflight.arrays import Array, ArrayLike
+from kilnflight.arrays import Array, ArrayLike, Pair
 from kilnflight.checks import InputError, Settings, check_finite
 
 SEEN = "seen"
@@ -53,7 +52,6 @@ class IgnitionResult(NamedTuple):
     p_value: float = 1.0
 
 
-@dataclass(frozen=True)
 class Ignition(Settings):
     """Test for one step upwards in the grey values of a track, above those behind it.
 
@@ -192,7 +190,7 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
     return split[best], deviation[best]
 
 
-def _growing(values: Array) -> tuple[Array, Array]:
+def _growing(values: Array) -> Pair:
     """Return medians (n,) of the first 1, 2, ... values, and their deviations (n,).
 
     A deviation is the sum of absolute deviations from the median. Memory grows as n^2.
@@ -232,7 +230,7 @@ def line_deviation(time: Array, values: Array) -> float:
     return np.abs(rest - np.median(rest)).sum()
 
 
-def _course(time_s: ArrayLike, gray: ArrayLike) -> tuple[Array, Array]:
+def _course(time_s: ArrayLike, gray: ArrayLike) -> Pair:
     """Return the times (n,) and grey values (n,), checked."""
     time = check_finite(time_s, "Ignition: time_s", (None,))
     values = check_finite(gray, "Ignition: gray", (None,))

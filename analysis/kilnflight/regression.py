@@ -17,7 +17,7 @@ from numpy.polynomial import legendre
 from pandas import DataFrame, Series
 from scipy.optimize import brentq
 
-from kilnflight.arrays import Array, ArrayLike
+from kilnflight.arrays import Array, ArrayLike, Facts, Shape, Two
 from kilnflight.checks import (
     InputError,
     Range,
@@ -36,7 +36,7 @@ from kilnflight.tables import (
 )
 
 Three = tuple[float, float, float]
-Orders = tuple[int, ...]
+Orders = Shape
 Timed = tuple[int, Array, Array]  # particle, times (n,) in s, places (n, 3) in mm
 
 UNKNOWN: Three = (np.nan,) * 3  # a measure that is not defined along any axis
@@ -119,7 +119,7 @@ class Fit:
     exit_point_mm: Three
     t0: float
     t0_at_bound: int
-    t0_range_s: tuple[float, float]
+    t0_range_s: Two
     orders: Orders
     coefficients: tuple[tuple[float, ...], ...]
     first_s: float
@@ -149,7 +149,6 @@ class Fit:
         return np.stack([np.polyval(axis[::-1], since) for axis in factors], axis=-1)
 
 
-@dataclass(frozen=True)
 class Regression(Settings):
     """Least-squares fit of t0, the time at the lance, and of one polynomial per axis.
 
@@ -587,9 +586,9 @@ def _fit(row: dict[Any, Any]) -> Fit:
 
 def _row(
     method: Regression, exit_mm: Array, particle: int, time: Array, places: Array
-) -> dict[str, Any]:
+) -> Facts:
     """Return one track's row of `kilnflight.tables.TRAJECTORIES`; NaN is left out."""
-    row: dict[str, Any] = {"particle": particle, "points": len(time), "t0_at_bound": 0}
+    row: Facts = {"particle": particle, "points": len(time), "t0_at_bound": 0}
     row |= dict(zip(_names("exit_{}"), exit_mm.tolist(), strict=True))
     row |= dict.fromkeys(_names("order_{}"), 0)
     if not len(time):

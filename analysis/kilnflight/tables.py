@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import Index, Whole
+from kilnflight.arrays import Facts, Index, Whole
 from kilnflight.checks import (
     InputError,
     check_columns,
@@ -25,7 +25,7 @@ from kilnflight.checks import (
 
 AXES = ("x", "y", "z")
 GAPS = complex  # kind of a column of floats that may be NaN
-LIMITS: dict[str, dict[str, Any]] = {
+LIMITS: dict[str, Facts] = {
     "particle": {"least": -1},
     "t0_at_bound": {"least": -1},
     "z": {"above": 0},
@@ -97,7 +97,7 @@ class Table:
         return checked
 
 
-def _checked(values: Series, kind: type, place: str, limit: dict[str, Any]) -> Any:
+def _checked(values: Series, kind: type, place: str, limit: Facts) -> Any:
     """Return the values of a column of a kind, or raise an `InputError`."""
     if kind in (bool, str):
         if not all(type(value) is kind for value in values):

@@ -159,9 +159,7 @@ def test_every_model_is_evaluated_and_more_draws_keep_the_first(observed):
 
 def test_filtered_states_come_with_measured_arrivals(constant_acceleration):
     area, names = Area(end_mm=900.0), ["frame", "x", "y"]
-    tracker = BeltTracker(
-        constant_velocity(0.01), Appearance(area, entry_mm=25.0), 0.01
-    )
+    tracker = BeltTracker(constant_velocity(), Appearance(area, entry_mm=25.0), 0.01)
     followed = tracker(constant_acceleration[names])
     observed = observe_followed(followed, constant_acceleration[names], PHASE, 0.01)
     expected = PHASE.observe(constant_acceleration)

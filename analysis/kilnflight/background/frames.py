@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from kilnflight.arrays import Anything
+from kilnflight.arrays import Anything, Shape
 from kilnflight.checks import InputError, check_finite, real_numbers
 
 GRAY_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
@@ -20,7 +20,7 @@ class Frames(Protocol):
     def __getitem__(self, index: int, /) -> Any: ...
 
 
-def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
+def check_indices(indices: Iterable[int], length: int) -> Shape:
     """Return frame numbers as ints, as given, or raise an `InputError`.
 
     They are whole numbers, numpy's too, from 0 to ``length`` - 1.
@@ -78,7 +78,7 @@ class HeldFrames:
                 f"frames: {type(frames).__name__} is no stack of pictures."
             )
         self.length = len(frames)
-        self.shape: tuple[int, ...] = (0, 0)
+        self.shape: Shape = (0, 0)
         self.kind: np.dtype[Any] = np.dtype(np.uint16)
         self._frames = frames
         self._capacity = capacity

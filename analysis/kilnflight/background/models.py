@@ -7,13 +7,13 @@ foreground.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Anything, Single
+from kilnflight.arrays import Anything, Shape, Single
 from kilnflight.background.frames import Frames, HeldFrames, check_indices, surrounding
 from kilnflight.background.sliding_median import (
     MEDIAN_CHUNK,
@@ -41,7 +41,6 @@ def _partner(index: int, step: int, length: int) -> int:
     return 0 if index > length - 1 - index else length - 1
 
 
-@dataclass(frozen=True)
 class Subtraction(Settings):
     """Subtract a background from each frame.
 
@@ -68,7 +67,6 @@ class Subtraction(Settings):
         return np.asarray(apart, np.float32)
 
 
-@dataclass(frozen=True)
 class TwoFrame(Subtraction):
     """Take the difference from an earlier frame (Eq. 2.5).
 
@@ -90,7 +88,7 @@ class TwoFrame(Subtraction):
     """
 
     interval: Count = 3  # frames, Table 5.4
-    _sides: ClassVar[tuple[int, ...]] = (-1,)  # -1: an earlier frame, 1: a later one
+    _sides: ClassVar[Shape] = (-1,)  # -1: an earlier frame, 1: a later one
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield the foreground of each requested frame, (rows, cols) float32.
@@ -111,7 +109,6 @@ class TwoFrame(Subtraction):
         return np.asarray(total / len(beside), np.float32)
 
 
-@dataclass(frozen=True)
 class ThreeFrame(TwoFrame):
     """Average the differences from an earlier and a later frame (Eq. 2.6).
 
@@ -132,10 +129,9 @@ class ThreeFrame(TwoFrame):
     array([[0., 3.]], dtype=float32)
     """
 
-    _sides: ClassVar[tuple[int, ...]] = (-1, 1)
+    _sides: ClassVar[Shape] = (-1, 1)
 
 
-@dataclass(frozen=True)
 class WindowModel(Subtraction, ABC):
     """Compare each frame with a background made of the frames around it.
 
@@ -182,7 +178,6 @@ class WindowModel(Subtraction, ABC):
         """Yield frame numbers with backgrounds (rows, cols), valid until the next."""
 
 
-@dataclass(frozen=True)
 class Mean(WindowModel):
     """Subtract the mean of the frames around each frame.
 
@@ -226,7 +221,6 @@ def _mean(held: HeldFrames, t: int, window: int) -> Anything:
     return (held[t] + total / max(len(around) - 1, 1)).astype(held.precise)
 
 
-@dataclass(frozen=True)
 class Median(WindowModel):
     """Subtract the median of the frames around each frame.
 
@@ -259,7 +253,6 @@ class Median(WindowModel):
         return window_medians(held, indices, self.window)
 
 
-@dataclass(frozen=True)
 class Adaptive(WindowModel):
     """Subtract a background that learns from frame to frame (Eqs 2.7, 2.8).
 
@@ -301,7 +294,6 @@ class Adaptive(WindowModel):
             yield t, (held[t] + excess).astype(held.precise)
 
 
-@dataclass(frozen=True)
 class RunningGaussian(WindowModel):
     """Keep differences from a running average that are significant (Eqs 2.9, 2.10).
 
@@ -369,7 +361,6 @@ class RunningGaussian(WindowModel):
         return (held[first] + mean).astype(held.precise), foreground
 
 
-@dataclass(frozen=True)
 class Surroundings(Settings):
     """Subtract each frame's own blur, for particles that rest; not in the thesis.
 

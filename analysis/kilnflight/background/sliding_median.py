@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.arrays import Anything
+from kilnflight.arrays import Anything, Shape
 from kilnflight.background.frames import HeldFrames, surrounding
 from kilnflight.compiled import compiled
 
@@ -48,7 +48,7 @@ class _Network:
     """
 
     size: int  # frames per window
-    ranks: tuple[int, ...]  # wanted ranks of a window, ascending from 0
+    ranks: Shape  # wanted ranks of a window, ascending from 0
     inputs: int  # frames of the chunk
     steps: list[_Comparison] = field(default_factory=list)
     # sorted values of consecutive frames
@@ -122,7 +122,7 @@ class _Network:
 
 
 @lru_cache  # most chunks share a program, which takes 30 ms
-def _program(size: int, starts: tuple[int, ...]) -> npt.NDArray[np.uint64]:
+def _program(size: int, starts: Shape) -> npt.NDArray[np.uint64]:
     """Return the program (n, 6) that emits the four ranks of every window.
 
     Each row is a step; the ranks are those that `_middle` reads.

@@ -5,14 +5,13 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import scipy  # scipy.stats loads on first use: it takes a quarter of a second
 
-from kilnflight.arrays import Array, Flags, Picture
+from kilnflight.arrays import Array, Flags, Picture, TwoInts
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
 from kilnflight.checks import InputError, Number, Positive, Settings, check_finite
 
@@ -40,7 +39,6 @@ def check_picture(
         )
 
 
-@dataclass(frozen=True)
 class Area(Settings):
     """A rectangle of the belt in the coordinates of the tracks.
 
@@ -269,7 +267,7 @@ class Calibration(NamedTuple):
         return _mapped(inverse, places)[:, ::-1]
 
     def window(
-        self, area: Area, margin_px: float, shape: tuple[int, int]
+        self, area: Area, margin_px: float, shape: TwoInts
     ) -> tuple[slice, slice]:
         """Return the rows and columns of a picture that show an area and a margin.
 

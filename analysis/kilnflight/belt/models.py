@@ -9,6 +9,10 @@ The time is NaN where a model predicts no arrival: the acceleration stops the pa
 before the target, so Eq. 6 has no positive root. So is the place, except that of
 `Straight`.
 
+A `Predictor` is one of each, with standard deviations. The filter's variance of a state
+is carried on to the valves at constant velocity. Its noise is that of particles that
+land, so it is too large for those that slide: the calibration gives the factor.
+
 Examples
 --------
 >>> last = {"time_s": [0.5], "x": [638.0], "velocity_x_mm_s": [1200.0]}
@@ -23,15 +27,16 @@ Examples
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Anything, Array
 from kilnflight.checks import (
     InputError,
+    NotNegative,
     Number,
     Positive,
     Settings,
@@ -43,6 +48,10 @@ BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 BELT_START_MM = 388.0  # along the belt, in the authors' files of 2020
 BELT_EDGE_MM = 788.0  # "a total length of 40 cm", 2016, section IV
 BELT_WIDTH_MM = 180.0  # 2020, section 3
+# Variance of a coordinate, covariance with its velocity, variance of the velocity.
+SPREADS = ("variance_mm2", "covariance_mm2_s", "variance_mm2_s2")
+MOST_S = 1.0  # longest prediction: 10 cm at 100 mm/s; choice
+OF_95_PERCENT = 1.96  # standard deviations to each side, if they are normal
 
 Columns = DataFrame | Mapping[str, Any]  # arrays (n,) by name
 
@@ -68,7 +77,6 @@ def time_to_cover(
         return np.where(total > 0, 2 * distance / total, np.nan)
 
 
-@dataclass(frozen=True)
 class _Model(Settings):
     """A model whose parameter, if it has one to calibrate, is NaN until then."""
 
@@ -77,7 +85,8 @@ class _Model(Settings):
         """Its name in the paper."""
         return type(self).__name__.removeprefix("Lateral")
 
-    def _check_calibrated(self) -> None:
+    def check_calibrated(self) -> None:
+        """Raise an `InputError` if a parameter is to be calibrated first."""
         if any(np.isnan(value) for value in vars(self).values()):
             raise InputError(
                 f"{self.name} is not calibrated; call its calibrated(...) first."
@@ -122,7 +131,7 @@ class ArrivalModel(_Model, ABC):
             If the model is not calibrated, a number is not finite, or a particle is at
             or beyond the target.
         """
-        self._check_calibrated()
+        self.check_calibrated()
         time, *rest = _rest_of_belt(last, target_mm)
         return time + self._duration(*rest)
 
@@ -189,7 +198,6 @@ def _rest_of_belt(last: Columns, target_mm: float) -> list[Array]:
     return [time, distance, velocity, acceleration]
 
 
-@dataclass(frozen=True)
 class IV(ArrivalModel):
     """Identical velocity: one for the remaining distance of all particles (Eq. 1).
 
@@ -208,7 +216,6 @@ class IV(ArrivalModel):
         return replace(self, velocity_mm_s=float(np.median(distance / duration)))
 
 
-@dataclass(frozen=True)
 class CV(ArrivalModel):
     """Constant velocity: the particle keeps its last velocity (Eq. 3)."""
 
@@ -216,7 +223,6 @@ class CV(ArrivalModel):
         return time_to_cover(distance, velocity, acceleration=0.0)
 
 
-@dataclass(frozen=True)
 class CVBC(CV):
     """Constant velocity with a correction of its bias (Eq. 3, sec. 4.1).
 
@@ -241,7 +247,6 @@ class CVBC(CV):
         return replace(self, bias_s=float(np.nanmedian(error)))
 
 
-@dataclass(frozen=True)
 class CA(ArrivalModel):
     """Constant acceleration: the particle keeps its last acceleration (Eqs 5 and 6)."""
 
@@ -249,7 +254,6 @@ class CA(ArrivalModel):
         return time_to_cover(distance, velocity, acceleration)
 
 
-@dataclass(frozen=True)
 class CALV(ArrivalModel):
     """Constant acceleration up to a limit of the velocity, then constant velocity.
 
@@ -273,16 +277,14 @@ class CALV(ArrivalModel):
         limit = np.maximum(self.limit_mm_s, velocity)
         gains = acceleration > 0
         # Next to no acceleration takes an infinite time, so it is never limited.
-        with np.errstate(over="ignore", invalid="ignore"):
-            until = np.zeros_like(distance)
-            np.divide(limit - velocity, acceleration, out=until, where=gains)
+        with np.errstate(all="ignore"):
+            until = (limit - velocity) / acceleration
             covered = until * (limit + velocity) / 2
             limited = until + (distance - covered) / limit
         free = time_to_cover(distance, velocity, acceleration)
         return np.where(gains & (covered < distance), limited, free)
 
 
-@dataclass(frozen=True)
 class IA(ArrivalModel):
     """Identical acceleration: one for all particles, each with its velocity (Eq. 5).
 
@@ -322,7 +324,7 @@ class LateralModel(_Model, ABC):
             If the model is not calibrated, a number is not finite, or a time is below 0
             or not one for each particle.
         """
-        self._check_calibrated()
+        self.check_calibrated()
         names = ("y", "velocity_y_mm_s", "acceleration_y_mm_s2")
         y, velocity, acceleration = _take(last, "last", *names)
         time = check_finite(remaining_s, "remaining_s", y.shape, gaps=True, most=np.inf)
@@ -362,7 +364,6 @@ class LateralModel(_Model, ABC):
         return self
 
 
-@dataclass(frozen=True)
 class Straight(LateralModel):
     """No lateral movement, as a line-scan sorter assumes."""
 
@@ -370,7 +371,6 @@ class Straight(LateralModel):
         return np.zeros_like(velocity)
 
 
-@dataclass(frozen=True)
 class LateralCV(LateralModel):
     """Constant lateral velocity."""
 
@@ -378,7 +378,6 @@ class LateralCV(LateralModel):
         return time * velocity
 
 
-@dataclass(frozen=True)
 class LateralCA(LateralModel):
     """Constant lateral acceleration (Eq. 7)."""
 
@@ -386,7 +385,6 @@ class LateralCA(LateralModel):
         return time * velocity + time**2 * acceleration / 2
 
 
-@dataclass(frozen=True)
 class CADSC(LateralCA):
     """Constant acceleration without sign changes (Eq. 7, sec. 4.2).
 
@@ -395,14 +393,12 @@ class CADSC(LateralCA):
     """
 
     def _displacement(self, time: Array, velocity: Array, acceleration: Array) -> Array:
-        stops = np.full_like(velocity, np.inf)
         slows = velocity * acceleration < 0
-        with np.errstate(over="ignore"):  # next to no deceleration never stops
-            np.divide(-velocity, acceleration, out=stops, where=slows)
+        with np.errstate(all="ignore"):  # next to no deceleration never stops
+            stops = np.where(slows, -velocity / acceleration, np.inf)
         return super()._displacement(np.minimum(time, stops), velocity, acceleration)
 
 
-@dataclass(frozen=True)
 class Ratio(LateralModel):
     """One share of the lateral velocity stays; the rest is lost at a constant rate.
 
@@ -448,3 +444,98 @@ COMBINATIONS: tuple[tuple[str, ArrivalModel, LateralModel], ...] = (
     ("IA-CA", IA(), LateralCA()),
     ("IA-Ratio", IA(), Ratio()),
 )
+
+
+_CV = CV()
+_LATERAL_CV = LateralCV()
+
+
+class Predictor(Settings):
+    """Predict arrivals at the valves, from states of tracks.
+
+    Parameters
+    ----------
+    arrival, lateral
+        Models of time and place.
+    target_mm
+        Place x of the valves.
+    time_factor, y_factor
+        Standard deviations of time and place by those of the filter, from
+        `calibrated`: 1.96 of them hold 95 % of its particles.
+
+    Examples
+    --------
+    >>> last = {"particle": [7], "time_s": [0.5], "x": [638.0], "y": [90.0]}
+    >>> last |= {"velocity_x_mm_s": [1500.0], "velocity_y_mm_s": [0.0]}
+    >>> last |= {"acceleration_x_mm_s2": [0.0], "acceleration_y_mm_s2": [0.0]}
+    >>> Predictor()(last)["time_s"]
+    array([0.6])
+    """
+
+    arrival: ArrivalModel = _CV
+    lateral: LateralModel = _LATERAL_CV
+    target_mm: Number = BELT_EDGE_MM
+    time_factor: NotNegative = 1.0
+    y_factor: NotNegative = 1.0
+
+    def __call__(self, last: Columns) -> dict[str, Anything]:
+        """Return when and where particles pass the valves.
+
+        Parameters
+        ----------
+        last
+            Columns of `kilnflight.tables.BELT_LAST`, and `SPREADS` of the filter. Where
+            there is none, each deviation is 1 mm times its factor.
+
+        Returns
+        -------
+        dict
+            Columns of `kilnflight.tables.BELT_PREDICTED`, (n,) each, and ``time_sd_s``,
+            ``y_sd_mm``. The time is NaN where a model predicts no arrival, one before
+            the last observation, or one after `MOST_S`. So is the place, except that
+            of `Straight`.
+        """
+        time = self.arrival(last, self.target_mm)
+        seen = np.asarray(last["time_s"])
+        time = np.where((time >= seen) & (time - seen <= MOST_S), time, np.nan)
+        wait = time - seen
+        variance: Anything = np.ones(len(time))
+        if SPREADS[0] in last:
+            place, both, speed = (np.asarray(last[name]) for name in SPREADS)
+            variance = place + 2 * wait * both + wait**2 * speed
+        mean = (self.target_mm - np.asarray(last["x"])) / wait  # velocity
+        time_sd = self.time_factor * np.sqrt(variance) / mean
+        y_variance = self.y_factor**2 * variance
+        y_variance += (np.asarray(last["velocity_y_mm_s"]) * time_sd) ** 2
+        return {
+            "particle": np.asarray(last["particle"]),
+            "time_s": time,
+            "y": self.lateral(last, wait),
+            "time_sd_s": time_sd,
+            "y_sd_mm": np.sqrt(y_variance),
+        }
+
+    def calibrated(self, last: Columns, arrival: Columns) -> Self:
+        """Return the predictor with models and factors of observed particles.
+
+        Parameters
+        ----------
+        last
+            As for a prediction; 40 particles are enough.
+        arrival
+            Columns of `kilnflight.tables.BELT_ARRIVAL` for the same particles in the
+            same order.
+        """
+        fitted = replace(
+            self,
+            arrival=self.arrival.calibrated(last, arrival, self.target_mm),
+            lateral=self.lateral.calibrated(last, arrival),
+            time_factor=1.0,
+            y_factor=1.0,
+        )
+        known = fitted(last)
+        factors = []
+        for column, deviation in (("time_s", "time_sd_s"), ("y", "y_sd_mm")):
+            off = (known[column] - np.asarray(arrival[column])) / known[deviation]
+            factors.append(float(np.nanquantile(np.abs(off), 0.95) / OF_95_PERCENT))
+        return replace(fitted, time_factor=factors[0], y_factor=factors[1])

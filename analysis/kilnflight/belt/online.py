@@ -1,4 +1,4 @@
-"""Sort particles picture by picture, as a camera gives them.
+"""Sort particles frame by frame, as a camera gives them.
 
 picture -> spots -> step of the tracker -> tracks that leave the view -> arrivals ->
 valves
@@ -9,68 +9,40 @@ frame's time is its number times the tracker's ``frame_s``. Memory does not grow
 the number of frames.
 """
 
+import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import pandas as pd
 
-from kilnflight.arrays import Array, Flags, Integers, Picture
-from kilnflight.belt.camera import BELT
-from kilnflight.belt.models import ArrivalModel, Columns, LateralModel
+from kilnflight.arrays import Anything, Array, Flags, Picture, Two
+from kilnflight.belt.models import Columns, Predictor
 from kilnflight.belt.pictures import MeasureSpots
-from kilnflight.belt.tracker import LEFT, BeltTracker, with_acceleration
+from kilnflight.belt.tracker import LEFT, BeltTracker, state_columns
 from kilnflight.belt.valves import ValveBar
-from kilnflight.checks import InputError, check_number
-from kilnflight.tables import BELT_LAST, VALVE_EVENTS
+from kilnflight.belt.watch import Watch
+from kilnflight.checks import InputError, check_number, real_numbers
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
+T = TypeVar("T")
+Chooses = Callable[[dict[str, Anything]], Flags]
+Clock = Callable[[], float]  # time in s
+PLACE = slice(2)  # columns x, y of spots
 PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
-MOST_S = 1.0  # longest prediction: 10 cm at 100 mm/s; choice
+FOLLOWED = 0.05  # share of a stamp's jitter that `numbered` takes for drift; choice
 _TRACKER = BeltTracker()
 
 
-def predict_arrivals(
-    last: Columns,
-    arrival: ArrivalModel,
-    lateral: LateralModel,
-    target_mm: float,
-    most_s: float = np.inf,
-) -> pd.DataFrame:
-    """Predict when and where particles pass the valves.
+class Command(NamedTuple):
+    """A valve, and the times in s of the commands to open and to close it."""
 
-    Parameters
-    ----------
-    last
-        Columns of `kilnflight.tables.BELT_LAST`.
-    arrival, lateral
-        Models, calibrated.
-    target_mm
-        Place x of the valves.
-    most_s
-        Longest time in s from the last observation to the arrival.
-
-    Returns
-    -------
-    DataFrame
-        `kilnflight.tables.BELT_PREDICTED`. The time is NaN where a model predicts no
-        arrival, one before the last observation, or one after ``most_s``. So is the
-        place, except that of `Straight`.
-    """
-    check_number(most_s, "most_s", least=0, infinite=True)
-    time = arrival(last, target_mm)
-    seen = np.asarray(last["time_s"])
-    time = np.where((time >= seen) & (time - seen <= most_s), time, np.nan)
-    return pd.DataFrame(
-        {
-            "particle": np.asarray(last["particle"]),
-            "time_s": time,
-            "y": lateral(last, time - seen),
-        }
-    )
+    valve: int
+    open_s: float
+    close_s: float
 
 
 @dataclass
@@ -94,17 +66,13 @@ class ValveSchedule:
     late: int = 0
     never: int = 0
     # Opening and closing in s of the windows of a valve that have not closed.
-    _windows: dict[int, list[tuple[float, float]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
+    _windows: dict[int, list[Two]] = field(default_factory=lambda: defaultdict(list))
     # Last closing of a valve in s.
     _closed_s: dict[int, float] = field(
         default_factory=lambda: defaultdict(lambda: -np.inf)
     )
 
-    def step(
-        self, now_s: float, until_s: float, predicted: pd.DataFrame
-    ) -> pd.DataFrame:
+    def step(self, now_s: float, until_s: float, predicted: Columns) -> list[Command]:
         """Return the commands from ``now_s`` to ``until_s``, new predictions included.
 
         Parameters
@@ -117,8 +85,8 @@ class ValveSchedule:
 
         Returns
         -------
-        DataFrame
-            `kilnflight.tables.VALVE_EVENTS`, in the order of opening.
+        list
+            Commands, in the order of opening.
         """
         for valve, windows in self._windows.items():
             closed = [close_s for _, close_s in windows if close_s < now_s]
@@ -126,14 +94,13 @@ class ValveSchedule:
             self._windows[valve] = [window for window in windows if window[1] >= now_s]
         for valve, *window in zip(*self.bar.windows(predicted), strict=True):
             self._plan(now_s, int(valve), *map(float, window))
-        due = sorted(
-            (max(open_s, now_s), valve, min(close_s, until_s))
+        due = [
+            Command(valve, max(open_s, now_s), min(close_s, until_s))
             for valve, windows in self._windows.items()
             for open_s, close_s in windows
             if open_s < until_s
-        )
-        events = pd.DataFrame(due, columns=["open_s", "valve", "close_s"])
-        return events[VALVE_EVENTS.names].astype(VALVE_EVENTS.dtypes)
+        ]
+        return sorted(due, key=itemgetter(1, 0))
 
     def _plan(self, now_s: float, valve: int, open_s: float, close_s: float) -> None:
         """Plan the opening of a valve from ``now_s`` on; merge it with those near it.
@@ -141,10 +108,7 @@ class ValveSchedule:
         A window that cannot open in time is counted in ``late``, or in ``never`` and
         left out.
         """
-        earliest = max(open_s, now_s)
-        closed_s = self._closed_s[valve]
-        if not self.bar.are_apart(closed_s, earliest):
-            earliest = closed_s + self.bar.dead_s
+        earliest = max(open_s, now_s, self._closed_s[valve] + self.bar.dead_s)
         if earliest > close_s:
             self.never += 1
             return
@@ -164,113 +128,214 @@ class Decision(NamedTuple):
     """Measurements, tracks and commands of a frame."""
 
     frame: int
-    measured: Array  # (m, 6), columns of BELT_SPOTS after the first (frame)
+    measured: Array  # (m, k), what was measured: x, y, class, or columns of BELT_SPOTS
     tracks: Tracks  # tracks after the frame; "row" is that of ``measured``, -1: missed
-    # BELT_PREDICTED of the particles to be blown out, known from this frame on.
-    predicted: pd.DataFrame
-    due: pd.DataFrame  # VALVE_EVENTS to command until the next frame's decision
+    # What `Predictor` returns of the particles to be blown out, known from this frame
+    # on; "frame" and "row", where each was seen last; "class", -1 without one.
+    predicted: dict[str, Anything]
+    due: list[Command]  # until the next frame's decision
+    took_s: float  # time from the frame to this decision
+    late_s: float  # how much later it came than its commands begin
+
+
+def read_spots(spots: Any, frame: int) -> Array:
+    """Return the particles of a frame (m, k): x, y, and a class."""
+    where = f"spots of frame {frame}"
+    found = real_numbers(spots, where).astype(np.float64)
+    if found.size == 0:
+        return np.zeros((0, 2))
+    if found.ndim != 2 or found.shape[1] not in (2, 3):
+        raise InputError(f"{where}: shape {found.shape}. Give x, y and a class.")
+    return found
+
+
+def sort_spots(
+    spots: Iterable[tuple[int, Any]],
+    predictor: Predictor,
+    schedule: ValveSchedule,
+    tracker: BeltTracker = _TRACKER,
+    chooses: Chooses | None = None,
+    clock: Clock = time.perf_counter,
+    measure: Callable[[Any, int], Array] = read_spots,
+    place: slice = PLACE,
+) -> Iterator[Decision]:
+    """Track particles frame by frame, and yield what the valves are to do.
+
+    A decision may take the time of one frame: that of frame k is made when frame k + 1
+    comes, and `Decision.due` covers the time from then to frame k + 2. If it takes
+    longer, its commands begin when it is made, and so do those of frames that wait.
+
+    Parameters
+    ----------
+    spots
+        Number of a frame and its particles (m, 2), x and y in mm, or (m, 3) with a
+        class, a whole number; by ascending number. `numbered` counts time stamps.
+        Frames that are lost count neither as seen nor as missed; a particle that left
+        in such a gap is predicted from where it was last seen.
+    predictor
+        Models of arrivals, calibrated; its valves are beyond the tracker's area.
+    schedule
+        Bar of valves; it is changed in place.
+    tracker
+        Tracker of the same belt. Particles outside its area are not used.
+    chooses
+        Maps the columns of `Decision.predicted` to flags (n,): which to blow out. None:
+        all.
+    clock
+        Returns a time in s, for ``took_s``.
+    measure, place
+        Returns the particles (m, k) of what comes, by it and its number; columns x, y.
+
+    Yields
+    ------
+    Decision
+        Tracks, predictions and commands of one frame.
+
+    Warns
+    -----
+    UserWarning
+        Once for each of what `Watch` finds. A frame that cannot be used counts as lost.
+
+    Raises
+    ------
+    InputError
+        If the first frame cannot be used, or the valves are in view.
+
+    Examples
+    --------
+    A particle moves by 6 mm in a frame of 5 ms:
+
+    >>> from kilnflight.belt.valves import ValveBar
+    >>> spots = [(k, np.array([[390.0 + 6 * k, 90.0]])) for k in range(70)]
+    >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
+    >>> sorter = sort_spots(spots, Predictor(), schedule)
+    >>> for decision in sorter:
+    ...     for valve, open_s, close_s in decision.due:
+    ...         print(f"valve {valve}: {open_s:.4f} to {close_s:.4f} s")
+    valve 16: 0.3307 to 0.3327 s
+    """
+    # `follow` pulls frames, the camera pushes them. Each next(steps) takes the one that
+    # waits; None, which never waits, would end it.
+    waiting = deque[Detected]()
+    steps = tracker.follow(iter(waiting.popleft, None))
+    watch = Watch(tracker, predictor)
+    frame_s = tracker.frame_s
+    previous = -1
+    done_s = -np.inf
+    last = np.zeros(0, np.void)
+    for frame, content in spots:
+        begun_s = clock()
+        try:
+            check_number(frame, "number of the frame", above=previous, whole=True)
+            measured = measure(content, frame)
+        except InputError as error:
+            if previous < 0:
+                raise
+            watch.tell("unusable", f"{error} It counts as a lost frame.")
+            continue
+        rows = np.arange(len(measured))
+        detected = tracker.detections(frame, measured[:, place], rows, frame - previous)
+        waiting.append(detected)
+        previous = frame
+        tracks = next(steps).tracks
+        last = _last_measured(tracks, last)
+        reasons = tracker.reasons(tracks)
+        left = tracks["valid"] & (reasons == LEFT)
+        predicted = _predict(predictor, last[left], frame_s)
+        predicted["class"] = watch.step(
+            detected, measured, place, tracks, reasons, predicted
+        )
+        if chooses is not None:
+            kept = chooses(predicted)
+            predicted = {name: each[kept] for name, each in predicted.items()}
+        took_s = clock() - begun_s
+        done_s = max(done_s, frame * frame_s) + took_s
+        due_s = (frame + 1) * frame_s
+        now_s = max(done_s, due_s)
+        yield Decision(
+            frame=frame,
+            measured=measured,
+            tracks=tracks,
+            predicted=predicted,
+            due=schedule.step(now_s, now_s + frame_s, predicted),
+            took_s=took_s,
+            late_s=now_s - due_s,
+        )
 
 
 def sort_pictures(
     pictures: Iterable[tuple[int, Picture]],
     measure: MeasureSpots,
-    models: tuple[ArrivalModel, LateralModel],
+    predictor: Predictor,
     schedule: ValveSchedule,
     tracker: BeltTracker = _TRACKER,
-    target_mm: float = BELT.end_mm,
-    chooses: Callable[[Integers], Flags] | None = None,
+    chooses: Chooses | None = None,
+    clock: Clock = time.perf_counter,
 ) -> Iterator[Decision]:
     """Track particles picture by picture, and yield what the valves are to do.
 
-    A decision may take the time of one frame: that of frame k is made when frame k + 1
-    comes, and `Decision.due` covers the time from then to frame k + 2.
-
-    Parameters
-    ----------
-    pictures
-        Frame number and picture (rows, cols) uint8, by ascending number. Frames that
-        are lost count neither as seen nor as missed; a particle that left in such a gap
-        is predicted from where it was last seen.
-    measure
-        Spots of a picture in mm.
-    models
-        Arrival and lateral model, calibrated.
-    schedule
-        Bar of valves; it is changed in place.
-    tracker
-        Tracker of the same belt.
-    target_mm
-        Where the valves are, beyond the tracker's area.
-    chooses
-        Maps numbers of tracks (n,) to flags (n,): which to blow out. None: all.
-
-    Yields
-    ------
-    Decision
-        Spots, tracks, predictions and commands of one frame.
-
-    Raises
-    ------
-    InputError
-        If a picture does not fit, numbers do not ascend, or the target is in view.
+    All is as for `sort_spots`, but for ``pictures``, (rows, cols) uint8, and
+    ``measure``, which returns their spots.
 
     Examples
     --------
     A spot of 8 by 8 px moves by 6 mm in a frame of 5 ms:
 
     >>> from kilnflight.belt.camera import Calibration
-    >>> from kilnflight.belt.models import CV, LateralCV
     >>> from kilnflight.belt.pictures import Spots
+    >>> from kilnflight.belt.valves import ValveBar
     >>> film = np.zeros((70, 200, 420), np.uint8)
     >>> for k in range(1, 50):
     ...     film[k, 100:108, 6 * k + 12 : 6 * k + 20] = 200
     >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])
     >>> measure = MeasureSpots(film[0], Spots(), Calibration(mm, 0.0, 1.0))
     >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
-    >>> sorter = sort_pictures(enumerate(film), measure, (CV(), LateralCV()), schedule)
-    >>> pd.concat([decision.due for decision in sorter]).round(3)
-       valve  open_s  close_s
-    0     16   0.328     0.33
+    >>> sorter = sort_pictures(enumerate(film), measure, Predictor(), schedule)
+    >>> [[valve for valve, *_ in each.due] for each in sorter if each.due]
+    [[16]]
     """
-    if target_mm <= tracker.appearance.area.end_mm:
-        raise InputError(
-            f"target_mm: {target_mm} lies in the area where particles are tracked."
-        )
-    # `follow` pulls frames, the camera pushes them. Each next(steps) takes the one that
-    # waits; None, which never waits, would end it.
-    waiting = deque[Detected]()
-    steps = tracker.follow(iter(waiting.popleft, None))
-    previous = -1
-    last: Tracks = np.zeros(0, [("particle", np.int64)])
-    for frame, picture in pictures:
-        check_number(frame, "pictures: number of the frame", above=previous, whole=True)
-        measured = measure(picture, frame)
-        rows = np.arange(len(measured))
-        waiting.append(
-            tracker.detections(frame, measured[:, PLACE_MM], rows, frame - previous)
-        )
-        previous = frame
-        tracks = next(steps).tracks
-        # Those missed keep the state in which they were last measured.
-        before = last
-        last = tracks.copy()
-        missed = tracks["row"] < 0
-        if missed.any():
-            particle = tracks["particle"][missed]
-            last[missed] = before[np.searchsorted(before["particle"], particle)]
-        left = last[tracks["valid"] & (tracker.reasons(tracks) == LEFT)]
-        if chooses is not None:
-            left = left[chooses(left["particle"])]
-        seen_s = left["last"] * tracker.frame_s
-        columns = left["particle"], seen_s, *with_acceleration(left).T
-        states = dict(zip(BELT_LAST.names, columns, strict=True))
-        predicted = predict_arrivals(states, *models, target_mm, MOST_S)
-        now_s = (frame + 1) * tracker.frame_s
-        until_s = (frame + 2) * tracker.frame_s
-        yield Decision(
-            frame=frame,
-            measured=measured,
-            tracks=tracks,
-            predicted=predicted,
-            due=schedule.step(now_s, until_s, predicted),
-        )
+    return sort_spots(
+        pictures, predictor, schedule, tracker, chooses, clock, measure, PLACE_MM
+    )
+
+
+def numbered(
+    stamped: Iterable[tuple[float, T]], frame_s: float
+) -> Iterator[tuple[int, T]]:
+    """Yield what has time stamps in s by the number of its frame.
+
+    Stamps may jitter by less than half a frame; gaps are gaps. A clock that runs a
+    little faster or slower than ``frame_s`` says is followed.
+    """
+    expected = None
+    number = -1
+    for stamp, content in stamped:
+        if expected is None:
+            expected = stamp - frame_s
+        steps = max(1, round((stamp - expected) / frame_s))
+        number += steps
+        expected += steps * frame_s
+        expected += FOLLOWED * (stamp - expected)
+        yield number, content
+
+
+def _predict(predictor: Predictor, left: Tracks, frame_s: float) -> dict[str, Anything]:
+    """Return what `Decision.predicted` has of tracks (n,), but for their class."""
+    states = state_columns(left)
+    seen = {"particle": left["particle"], "time_s": left["last"] * frame_s}
+    predicted = predictor(states | seen)
+    predicted["velocity_x_mm_s"] = states["velocity_x_mm_s"]
+    return predicted | {"frame": left["last"], "row": left["row"]}
+
+
+def _last_measured(tracks: Tracks, before: Tracks) -> Tracks:
+    """Return tracks (n,); those missed have the state in which they were last measured.
+
+    ``before`` is what this returned for the frame before.
+    """
+    last = tracks.copy()
+    missed = tracks["row"] < 0
+    if missed.any():
+        particle = tracks["particle"][missed]
+        last[missed] = before[np.searchsorted(before["particle"], particle)]
+    return last

@@ -9,18 +9,18 @@ earlier than predicted, as in the caption of Fig. 9; section 5.1 states the oppo
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Flags, Generator, Index
+from kilnflight.arrays import Array, Flags, Generator, Index, Named, Numbers
 from kilnflight.belt.models import (
     ARRIVAL_MODELS,
     BELT_EDGE_MM,
     COMBINATIONS,
     IV,
+    SPREADS,
     ArrivalModel,
     LateralModel,
     Straight,
@@ -54,7 +54,6 @@ class Observed(NamedTuple):
     left_out: dict[str, int]  # reason -> number of particles
 
 
-@dataclass(frozen=True)
 class PredictionPhase(Settings):
     """Start and target of a prediction, as places x along the belt in mm.
 
@@ -158,9 +157,7 @@ class PredictionPhase(Settings):
         wait = np.nan_to_num(_time_to(self.start_mm, last))
         return observed._replace(last=_moved(last, wait))
 
-    def _arrival(
-        self, columns: dict[str, Array], after: Index, ends: Index
-    ) -> DataFrame:
+    def _arrival(self, columns: Named, after: Index, ends: Index) -> DataFrame:
         """Return the arrivals of n particles, BELT_ARRIVAL.
 
         A particle seen beyond the target arrives on the line between the positions
@@ -235,7 +232,7 @@ def _first(flags: Flags, starts: Index, ends: Index) -> Index:
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
 
 
-def _last(columns: dict[str, Array], row: Index) -> DataFrame:
+def _last(columns: Named, row: Index) -> DataFrame:
     """Return the states BELT_LAST at rows (n,), by parabolas through three positions.
 
     They are those of each row and of the two before it, evenly spaced in time.
@@ -266,9 +263,9 @@ def last_states(followed: Followed, frame_s: float) -> DataFrame:
     -------
     DataFrame
         `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last
-        measurement, and ``row`` of that measurement. Tracks that were valid and left at
-        the end of the area: "only tracks that are deemed valid while entering the
-        prediction phase trigger a separation event".
+        measurement, its `SPREADS`, and ``row`` of that measurement. Tracks that were
+        valid and left at the end of the area: "only tracks that are deemed valid while
+        entering the prediction phase trigger a separation event".
     """
     states = followed.states
     ends = followed.ends
@@ -277,7 +274,7 @@ def last_states(followed: Followed, frame_s: float) -> DataFrame:
     ordered = measured.sort_values(["particle", "frame"])
     last = ordered.drop_duplicates("particle", keep="last")
     table = last.assign(time_s=last["frame"] * frame_s)
-    return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
+    return table[[*BELT_LAST.names, *SPREADS, "row"]].reset_index(drop=True)
 
 
 def observe_followed(
@@ -301,7 +298,8 @@ def observe_followed(
     Returns
     -------
     Observed
-        Its ``last`` are filtered states, what a prediction starts from. Its arrivals
+        Its ``last`` are filtered states with their `SPREADS`, what a prediction starts
+        from. Its arrivals
         come from the measured places, so that the filter does not judge itself.
     """
     states = followed.states[followed.states["row"] >= 0]
@@ -309,10 +307,10 @@ def observe_followed(
     x, y = measured[["x", "y"]].to_numpy()[states["row"]].T
     observed = phase.observe(states.assign(x=x, y=y))
     filtered = observed.last[["particle", "time_s"]].merge(states)
-    return observed._replace(last=filtered[BELT_LAST.names])
+    return observed._replace(last=filtered[[*BELT_LAST.names, *SPREADS]])
 
 
-def summarise_deviations(deviation: Array) -> dict[str, float]:
+def summarise_deviations(deviation: Array) -> Numbers:
     """Return count, quartiles, whiskers and mean absolute value of deviations.
 
     Keys are those of `SUMMARY`; values are in the unit of ``deviation`` (n,). Particles

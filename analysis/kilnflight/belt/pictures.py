@@ -46,7 +46,6 @@ def average(pictures: Iterable[Picture]) -> Picture:
     return np.rint(total / count).astype(np.uint8)
 
 
-@dataclass(frozen=True)
 class Spots(Settings):
     """Connected areas that differ from the background, as centroids.
 

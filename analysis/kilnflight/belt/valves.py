@@ -5,14 +5,13 @@ across the belt blows particles out. Neither paper evaluates it, so the numbers 
 bar are choices.
 """
 
-from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from kilnflight.arrays import Array, ArrayLike, Flags, Integers
-from kilnflight.belt.models import BELT_WIDTH_MM
+from kilnflight.belt.models import BELT_WIDTH_MM, Columns
 from kilnflight.checks import (
     NotNegative,
     Number,
@@ -36,19 +35,14 @@ class Separation(NamedTuple):
     @property
     def hit_share(self) -> float:
         """Share of blown-out particles among those to be blown out."""
-        return _mean(self.hit[self.chosen])
+        return float(Series(self.hit[self.chosen]).mean())
 
     @property
     def inadvertent_share(self) -> float:
         """Share of blown-out particles among the others: co-deflections."""
-        return _mean(self.hit[~self.chosen])
+        return float(Series(self.hit[~self.chosen]).mean())
 
 
-def _mean(flags: Flags) -> float:
-    return float(flags.mean()) if flags.size else np.nan
-
-
-@dataclass(frozen=True)
 class ValveBar(Settings):
     """Evenly spaced valves across the belt, and when each of them opens.
 
@@ -75,6 +69,10 @@ class ValveBar(Settings):
         Time from the prediction to the middle of the window; below 0: before it.
     dead_s
         Shortest pause of a valve from closing to opening.
+    deviations
+        Standard deviations of a prediction by which its window is longer, before and
+        after, and wider, to each side; 0: all windows are equal. Then ``open_s`` is the
+        time that a particle's size takes.
 
     Examples
     --------
@@ -95,6 +93,7 @@ class ValveBar(Settings):
     latency_s: NotNegative = 0.0
     delay_s: Number = 0.0
     dead_s: NotNegative = 0.0
+    deviations: NotNegative = 0.0
 
     @property
     def pitch_mm(self) -> float:
@@ -112,22 +111,37 @@ class ValveBar(Settings):
         steps = np.arange(self.valves, dtype=np.float64) + 0.5 - self.valves / 2
         return self.belt_mm / 2 + self.pitch_mm * steps
 
-    def windows(self, predicted: DataFrame) -> Events:
-        """Return valve, opening and closing command of each prediction, (n,) each.
+    def windows(self, predicted: Columns) -> Events:
+        """Return valve, opening and closing command of each window, (n,) each.
 
-        Commands are times in s. ``predicted`` is `kilnflight.tables.BELT_PREDICTED`;
-        rows whose time or place is NaN open no valve and are left out.
+        Commands are times in s. ``predicted`` are columns of
+        `kilnflight.tables.BELT_PREDICTED`, and ``time_sd_s``, ``y_sd_mm``, if there are
+        ``deviations``; rows whose time or place is NaN open no valve.
         """
-        time = real_numbers(predicted["time_s"], "predicted: time_s")
-        y = real_numbers(predicted["y"], "predicted: y")
-        known = np.isfinite(time) & np.isfinite(y)
-        # The valve whose middle is nearest.
-        steps = (y[known].clip(0, self.belt_mm) - self.middles_mm[0]) / self.pitch_mm
-        valve = np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
-        middle = time[known] + self.delay_s - self.latency_s
-        return valve, middle - self.open_s / 2, middle + self.open_s / 2
+        names = ["time_s", "y"]
+        if self.deviations:
+            names += ["time_sd_s", "y_sd_mm"]
+        columns = [
+            real_numbers(predicted[name], f"predicted: {name}") for name in names
+        ]
+        known = np.isfinite(columns).all(axis=0)
+        time, y, *spreads = (column[known] for column in columns)
+        early, side = self.deviations * np.array(spreads or np.zeros((2, len(y))))
+        first = self._nearest(y - side)
+        number = self._nearest(y + side) - first + 1
+        # Numbers 0, 1, ... within each prediction.
+        step = np.arange(number.sum()) - np.repeat(number.cumsum() - number, number)
+        middle = time + self.delay_s - self.latency_s
+        half = self.open_s / 2 + early
+        opens, closes = np.repeat([middle - half, middle + half], number, axis=1)
+        return np.repeat(first, number) + step, opens, closes
 
-    def events(self, predicted: DataFrame) -> Events:
+    def _nearest(self, y: Array) -> Integers:
+        """Return the valve (n,) whose middle is nearest to each place."""
+        steps = (y.clip(0, self.belt_mm) - self.middles_mm[0]) / self.pitch_mm
+        return np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
+
+    def events(self, predicted: Columns) -> Events:
         """Return valve, opening and closing command of the merged windows, (k,) each.
 
         They are sorted by valve and time (s), and all predictions are known in advance.
@@ -137,9 +151,9 @@ class ValveBar(Settings):
         windows = self.windows(predicted)
         order = np.lexsort((windows[1], windows[0]))
         valve, opens, closes = (column[order] for column in windows)
+        closes = Series(closes).groupby(valve).cummax().to_numpy()
         first = np.diff(valve, prepend=-1) != 0
         first[1:] |= self.are_apart(closes[:-1], opens[1:])
-        # All windows are equally long, so the last of those merged closes last.
         return valve[first], opens[first], closes[np.roll(first, -1)]
 
     def are_apart(self, close_s: ArrayLike, open_s: ArrayLike) -> Flags:
@@ -173,7 +187,7 @@ class ValveBar(Settings):
         return hit
 
     def __call__(
-        self, predicted: DataFrame, arrival: DataFrame, chosen: Flags
+        self, predicted: Columns, arrival: DataFrame, chosen: Flags
     ) -> Separation:
         """Return which particles are hit if each prediction opens a valve.
 

@@ -23,7 +23,7 @@ Several keypoints with several clusters are not in the thesis; they are decided 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Anything, Array, Index, Integers, Single
+from kilnflight.arrays import Anything, Array, Index, Integers, Shape, Single
 from kilnflight.checks import Positive, Settings
 from kilnflight.compiled import compiled
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
@@ -183,7 +183,7 @@ def _touching(discs: Any, areas: Any, smallest: float) -> Any:
     return touching
 
 
-def overlap(disc: Array, areas: Index, shape: tuple[int, ...]) -> Index:
+def overlap(disc: Array, areas: Index, shape: Shape) -> Index:
     """Return the rectangle (4,) around the pixels that a disc shares with areas (n, 4).
 
     ``disc`` (3,) is row, column and radius in px; it shares a pixel of the image, of
@@ -225,7 +225,6 @@ class View(NamedTuple):
     number: int = 0  # that of the frame in its recording
 
 
-@dataclass(frozen=True)
 class Combination(Settings):
     """Find particles by any 2D detector combined with any clusterer (chapter 3.1).
 
@@ -343,7 +342,6 @@ class Combination(Settings):
         return _table(np.concatenate(parts), view.gray, frame)
 
 
-@dataclass(frozen=True)
 class Planar(Settings):
     """Find particles in pictures alone, for recordings without depth.
 

@@ -6,7 +6,6 @@ layer. So a cell and those within a few steps along z have consecutive numbers, 
 row around. The occupied ones are consecutive entries of `_Cells.keys`.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +32,6 @@ _ROWS = 25  # rows of cells within `_REACH`, 5 x 5
 _ADJACENT_ROWS = 9  # the first of them: a cell's own row and those that touch it
 
 
-@dataclass(frozen=True)
 class DBSCAN(Settings):
     """Cluster points that reach each other through core points.
 

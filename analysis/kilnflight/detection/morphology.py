@@ -1,6 +1,5 @@
 """Clusters by dilation of a grid of cells (thesis, section 2.2.5)."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -16,7 +15,6 @@ from kilnflight.checks import Range, Settings, check_finite
 _TOUCH = 3
 
 
-@dataclass(frozen=True)
 class MorphologicalClustering(Settings):
     """Cluster points by dilating a grid of cells (Eqs 2.31 to 2.34).
 

@@ -3,8 +3,6 @@
 Section 2.2.2, chapter 3.1 and Fig. 3.4 of the thesis.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -124,7 +122,6 @@ def _criterion(counts: Integers) -> Array:
     return (mean * omega - mu) ** 2 / (variance * omega * (1 - omega))
 
 
-@dataclass(frozen=True)
 class Otsu(Settings):
     """Find connected regions above Otsu's threshold of the foreground.
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, Flags, Integers, Single
+from kilnflight.arrays import Array, Flags, Integers, Single, TwoInts
 from kilnflight.compiled import compiled
 from kilnflight.detection.disjoint import find_root
 
@@ -168,7 +168,7 @@ def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> F
 
 
 @compiled
-def _stands_out(area: Single, place: tuple[int, int], prominence: float) -> bool:
+def _stands_out(area: Single, place: TwoInts, prominence: float) -> bool:
     """Return whether no higher pixel can be reached from ``place`` (flood fill).
 
     ``place`` is row and column in the area (rows, cols). The way goes by neighbouring

@@ -1,6 +1,5 @@
 """Clusters that spread from the densest points (thesis, section 2.2.6)."""
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from kilnflight.detection.dbscan import NOISE
 from kilnflight.detection.disjoint import find_root, unite
 
 
-@dataclass(frozen=True)
 class QuasiClusterCenters(Settings):
     """Cluster points by spreading from the densest ones.
 

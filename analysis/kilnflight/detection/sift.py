@@ -5,14 +5,15 @@ Orientation and descriptor (Eqs 2.29 ff.) are not computed.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from numba import njit
 
-from kilnflight.arrays import Array, ArrayLike, Flags, Single
+from kilnflight.arrays import Array, ArrayLike, Flags, Shape, Single, TwoInts
 from kilnflight.checks import NotNegative, Range, Settings
 from kilnflight.compiled import compiled
 from kilnflight.detection.otsu import check_foreground
@@ -29,7 +30,9 @@ _MOVE = 0.6  # offset in px from which the fit moves to the next sample
 # Offset in samples from which a keypoint is rejected: beyond the three fitted ones.
 _BELIEVED = 1.0
 _WALK = _FITS  # px around a sample that its fits can reach
-_BLOCK = 4  # side in px of the blocks whose range bounds the differences
+# Side in px of the blocks whose range bounds the differences; `_block_ranges` is
+# written for 4.
+_BLOCK = 4
 # Rows and columns, in blocks, of the tiles that are blurred one at a time.
 _TILE_ROWS = 8
 _TILE_COLS = 32
@@ -68,7 +71,6 @@ _NEXT = _taps(SIGMA_PX * math.sqrt(3.0))
 _BOUNDS = [(*_positive(a, b), len(b) - 1) for a, b in pairwise(_KERNELS[1:-1])]
 
 
-@dataclass(frozen=True)
 class DoG(Settings):
     """Find bright blobs, the keypoints of SIFT, with position and size.
 
@@ -461,23 +463,34 @@ def _extremum(gradient: Any, hessian: Any) -> Any:
     return -solution / determinant
 
 
-@compiled
+@njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _block_ranges(image: Any) -> Any:
-    """Return the extreme values of each block, (block rows, block cols) each.
+    """Return the extreme values of each block, (2, block rows, block cols).
 
     The smallest are first. A block is `_BLOCK` px wide and high, cut at the border of
-    the image (rows, cols). Compiled: OpenCV's filters of minima and maxima take ten
-    times as long.
+    the image (rows, cols). Its four lines are read at once, which takes a third of the
+    time of a loop.
     """
-    low = image[::_BLOCK, ::_BLOCK].copy()
-    high = low.copy()
-    for row in range(image.shape[0]):
-        i = row // _BLOCK
-        for col in range(image.shape[1]):
-            j = col // _BLOCK
-            low[i, j] = min(low[i, j], image[row, col])
-            high[i, j] = max(high[i, j], image[row, col])
-    return low, high
+    rows, cols = image.shape
+    out = np.empty((2, -(-rows // _BLOCK), -(-cols // _BLOCK)), np.float32)
+    low = np.empty(out.shape[2] * _BLOCK, np.float32)
+    high = np.empty_like(low)
+    for i in range(out.shape[1]):
+        lines = image[np.minimum(np.arange(_BLOCK) + i * _BLOCK, rows - 1)]
+        for x in range(cols):
+            a = lines[0, x]
+            b = lines[1, x]
+            c = lines[2, x]
+            d = lines[3, x]
+            low[x] = min(a, b, c, d)
+            high[x] = max(a, b, c, d)
+        low[cols:] = low[cols - 1]
+        high[cols:] = high[cols - 1]
+        for j in range(out.shape[2]):
+            x = j * _BLOCK
+            out[0, i, j] = min(low[x], low[x + 1], low[x + 2], low[x + 3])
+            out[1, i, j] = max(high[x], high[x + 1], high[x + 2], high[x + 3])
+    return out
 
 
 def _reachable(image: Single, level: float) -> Flags:
@@ -499,7 +512,7 @@ def _reachable(image: Single, level: float) -> Flags:
     return live
 
 
-def _near(polygon: Array, shape: tuple[int, ...], side: float) -> Flags:
+def _near(polygon: Array, shape: Shape, side: float) -> Flags:
     """Return whether each block, of ``shape``, is in a polygon or two blocks from it.
 
     Corners (n, 2), row and col, of the polygon and the ``side`` of a block are in px of
@@ -512,7 +525,7 @@ def _near(polygon: Array, shape: tuple[int, ...], side: float) -> Flags:
 
 
 @compiled
-def _boxes(live: Any, shape: tuple[int, int]) -> Any:
+def _boxes(live: Any, shape: TwoInts) -> Any:
     """Return a list of the boxes to search, in px.
 
     A box is the part of a tile with blocks that are live, columns as of `_Box`.

@@ -8,13 +8,12 @@ Sections 3.2 and 5.1.4 of the thesis::
 The fit is MLESAC (Torr and Zisserman 2000, reference 113 of the thesis).
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from kilnflight.arrays import Array, ArrayLike, Flags, Generator
+from kilnflight.arrays import Array, ArrayLike, Flags, Generator, Pair
 from kilnflight.checks import (
     CountFrom0,
     InputError,
@@ -43,7 +42,6 @@ _BATCH = 100  # trials between two tests of the confidence
 _SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
 
-@dataclass(frozen=True)
 class Cylinder(Settings):
     """An infinite cylinder, the kiln's wall, with the quality of its fit.
 
@@ -210,7 +208,6 @@ def crossing(in_air_mm: ArrayLike, wall_mm: ArrayLike) -> float:
     return float(low + between[0])
 
 
-@dataclass(frozen=True)
 class InAir(Settings):
     """Classify points by their distance from the axis (section 5.1.4).
 
@@ -312,7 +309,7 @@ def _search(points: Array, generator: Generator) -> tuple[Array, Array, float] |
     return centres[best] + middle, directions[best], float(radii[best])
 
 
-def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
+def circles(triples: Array, directions: Array) -> Pair:
     """Return centres (n, 3) and radii (n,) in mm of circles through triples.
 
     The triples (n, 3, 3) are projected along the directions (n, 3), unit vectors, onto
@@ -332,7 +329,7 @@ def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
 
 def likelihood(
     points: Array, centres: Array, directions: Array, radii: Array, width: float
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return negative log likelihood and share of inliers (m,) of m cylinders.
 
     Parameters

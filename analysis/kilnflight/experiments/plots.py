@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, ArrayLike
+from kilnflight.arrays import Array, ArrayLike, Texts, Two
 from kilnflight.experiments.flights.campaigns import CampaignKey
 from kilnflight.experiments.flights.comparison import Values
 from kilnflight.publication.style import (
@@ -34,7 +34,7 @@ SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}
 
 
 def draw_grouped_boxes(
-    axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]
+    axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Texts
 ) -> None:
     """Draw box plots in groups: for each label, one box per source of values.
 
@@ -256,9 +256,7 @@ def draw_class_recall(
     return picture
 
 
-def draw_keypoints(
-    axes: Axes, keypoints: Array, roi: Sequence[tuple[float, float]]
-) -> None:
+def draw_keypoints(axes: Axes, keypoints: Array, roi: Sequence[Two]) -> None:
     """Draw keypoints as circles, and the outline of the region of interest (Fig. 5.3).
 
     ``keypoints`` (k, 3) are row, col and radius in px, ``roi`` the corners (row, col).
@@ -361,7 +359,7 @@ def label_camera_space(axes: Any) -> None:
     label_3d(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
 
 
-def label_3d(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int) -> None:
+def label_3d(axes: Any, labels: Texts, pads: Sequence[int], ticks: int) -> None:
     """Label x, y, z of a 3D plot, with about 4 ticks each.
 
     ``pads`` and ``ticks`` shift labels and ticks away from the plot, in points.

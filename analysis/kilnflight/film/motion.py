@@ -11,7 +11,7 @@ import numpy as np
 from pandas import DataFrame
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Integers
+from kilnflight.arrays import Array, Integers, Pair
 from kilnflight.checks import check_number
 from kilnflight.recording.frames import Recording
 from kilnflight.tracking.filter import ConstantVelocity, Gate, Motion
@@ -108,7 +108,7 @@ def _width(places: Mapping[int, Array]) -> float:
 
 def _links(
     places: Mapping[int, Array], starts: Integers, flow: Array, limit: float
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return the steps (n, 2) of linked particles and their changes (m, 2), in px.
 
     Links go from each start to the next frame, and on to the one after.
@@ -156,7 +156,7 @@ class Wandering(Motion):
         return np.diag([moved, moved, 0.0, 0.0])
 
 
-def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
+def common_step(pairs: Sequence[Pair], reach: float) -> Array:
     """Return the step (2,) in px that most particles make.
 
     It is 0 if that step brings the particles no nearer to each other.
@@ -188,7 +188,7 @@ def common_step(pairs: Sequence[tuple[Array, Array]], reach: float) -> Array:
     return none
 
 
-def _median_gap(pairs: Sequence[tuple[Array, Array]], step: Array) -> float:
+def _median_gap(pairs: Sequence[Pair], step: Array) -> float:
     """Return the median distance of moved positions from the nearest one after."""
     gaps = [KDTree(after).query(before + step)[0] for before, after in pairs]
     return np.median(np.concatenate(gaps))

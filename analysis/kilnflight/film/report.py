@@ -3,14 +3,13 @@
 `summarise_recording` for ``kilnflight import`` and ``info``; `summary` for a run.
 """
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from pandas import DataFrame, Series
 from tqdm import tqdm
 
-from kilnflight.arrays import Integers
+from kilnflight.arrays import Facts, Integers, Tables
 from kilnflight.checks import printable
 from kilnflight.film.spreading import followed, speeds
 from kilnflight.flight import BURNT_OUT, LANDED, kept, reaching
@@ -19,8 +18,6 @@ from kilnflight.recording.frames import LABELS, Attributes, Frame
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 
-# Detections, and the tables of `kilnflight.chain.CHAIN_STEPS`.
-Tables = Mapping[str, DataFrame]
 Rows = list[tuple[str, str]]  # a name, "note" or "warning", and a text
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep
@@ -41,7 +38,7 @@ class Printed(Rows):
             self.append(row)
 
 
-def _facts(frame: Frame) -> dict[str, Any]:
+def _facts(frame: Frame) -> Facts:
     """Return what a frame holds.
 
     ``saturated`` is the share of pixels at its maximum, ``classes`` the number of

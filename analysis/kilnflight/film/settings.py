@@ -1,6 +1,5 @@
 """Settings of a run; what is not given is estimated from the recording."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from kilnflight.background import BackgroundModel, Median
@@ -16,7 +15,6 @@ BACKGROUNDS: dict[str, BackgroundModel] = {
 }
 
 
-@dataclass(frozen=True)
 class Options(Settings):
     """Options of a run; what is None is estimated from the recording.
 

@@ -1,7 +1,6 @@
 """Criteria of one flight: start at the lance, landing, plausibility (section 5.3.1)."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
@@ -132,7 +131,6 @@ def landing_s(fit: Fit, wall: Cylinder, in_air: InAir) -> float | None:
     return time[k]
 
 
-@dataclass(frozen=True)
 class Plausible(Settings):
     """Reject flights whose fitted trajectory is impossible.
 

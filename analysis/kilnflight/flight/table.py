@@ -1,14 +1,14 @@
 """The table of flights: their start, end and dwell time (section 5.3.1)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import field
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import ArrayLike
+from kilnflight.arrays import ArrayLike, Facts
 from kilnflight.checks import (
     LARGEST_WHOLE,
     InputError,
@@ -41,7 +41,6 @@ LOST = "lost"
 EDGE_PX = 45.0
 
 
-@dataclass(frozen=True)
 class Rules(Settings):
     """Criteria of flights that differ between recordings.
 
@@ -185,7 +184,7 @@ def _flight(
     in_air: InAir,
     rate_hz: float,
     rules: Rules,
-) -> dict[str, Any]:
+) -> Facts:
     """Return one flight's row of `kilnflight.tables.FLIGHTS`, without ``particle``.
 
     ``track`` holds the flight's detections by ascending frame, ``rate_hz`` is the frame

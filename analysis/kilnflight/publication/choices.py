@@ -14,6 +14,7 @@ from typing import Any
 import pandas as pd
 from pandas import DataFrame
 
+from kilnflight.arrays import Facts
 from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import index, paths
@@ -120,8 +121,8 @@ def turned(
 
 
 def opened(
-    verdicts: Iterable[dict[str, Any]], comparisons: Iterable[Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+    verdicts: Iterable[Facts], comparisons: Iterable[Mapping[str, Any]]
+) -> list[Facts]:
     """Return verdicts, open where they turn with a choice that nothing decides.
 
     A comparison on the simulation opens no verdict on the authors' data.

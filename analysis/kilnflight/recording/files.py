@@ -94,7 +94,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kilnflight.arrays import Flags
+from kilnflight.arrays import Flags, Texts, Two
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_shape
 from kilnflight.recording.frames import (
     Attributes,
@@ -177,7 +177,7 @@ class FileRecording:
     seen: Flags = field(repr=False)
     dtype: Any = field(repr=False)
     channel: str | None = None
-    scale: tuple[float, float] | None = None
+    scale: Two | None = None
     parts: Sequence[Part] = field(default=(), repr=False)
 
     def __len__(self) -> int:
@@ -504,8 +504,8 @@ def _is_coloured(image: Anything) -> bool:
 
 
 def _choose_scale(
-    pictures: Iterable[Anything], places: Sequence[str]
-) -> tuple[tuple[float, float] | None, list[str]]:
+    pictures: Iterable[Anything], places: Texts
+) -> tuple[Two | None, list[str]]:
     """Return the scale of a recording, and a note; None where whole values stay.
 
     Raises an `InputError` if a few values, but for which frames span much less, would

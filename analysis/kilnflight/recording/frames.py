@@ -7,12 +7,21 @@ captured, before the recording's depth calibration.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, ArrayLike, Gray, Integers, Picture, Single
+from kilnflight.arrays import (
+    Array,
+    ArrayLike,
+    Facts,
+    Gray,
+    Integers,
+    Picture,
+    Single,
+    TwoInts,
+)
 from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import (
     LARGEST_WHOLE,
@@ -70,7 +79,6 @@ class Frame:
     labels: Picture | None = None
 
 
-@dataclass(frozen=True)
 class Attributes(Settings):
     """Facts about a whole recording; None where unknown.
 
@@ -154,7 +162,7 @@ class Attributes(Settings):
         return f"{self}{self.um_per_px or ''}{untimed}"
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> TwoInts:
         """Rows and columns of a frame."""
         return self.rows, self.columns
 
@@ -168,7 +176,7 @@ class Attributes(Settings):
         )
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
+    def from_json(cls, values: Facts) -> Self:
         """Return the attributes from values of JSON or TOML; lists become tuples."""
         calibration = read_calibration(values.get("depth_calibration"))
         return cls(**values | {"depth_calibration": calibration})

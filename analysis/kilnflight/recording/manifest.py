@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.arrays import Picture
+from kilnflight.arrays import Facts, Named, Picture, Shape
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
 from kilnflight.recording.readers import (
@@ -205,15 +205,11 @@ class FileTable:
         layers = read_layers(path, self.key)
         return layers[..., self.read_numbers(path).index(number)]
 
-    def read_points(
-        self, path: Path, size: tuple[int, ...], number: int
-    ) -> dict[str, Anything]:
+    def read_points(self, path: Path, size: Shape, number: int) -> Named:
         """Read pixels (n, 2) and positions (n, 3) in mm, where a position is known."""
         return self.points_of(self._read(path, number), size, path)
 
-    def points_of(
-        self, values: Anything, size: tuple[int, ...], path: Path
-    ) -> dict[str, Anything]:
+    def points_of(self, values: Anything, size: Shape, path: Path) -> Named:
         """Return what `read_points` does, of the values that a file holds."""
         array = real_numbers(values, str(path))
         if self.form in ("grid", "stack"):
@@ -241,9 +237,7 @@ class FileTable:
             )
         return {"pixels": whole, "xyz": positions[known]}
 
-    def _rows_first(
-        self, array: Anything, shape: tuple[int, ...], path: Path
-    ) -> Anything:
+    def _rows_first(self, array: Anything, shape: Shape, path: Path) -> Anything:
         """Return a grid of that shape; its first two axes are swapped if cols lead."""
         if self.order == "col row" and array.ndim > 1:
             array = np.swapaxes(array, 0, 1)
@@ -251,7 +245,7 @@ class FileTable:
         return array
 
     def _pixels(
-        self, array: Anything, xyz: Anything, size: tuple[int, ...], path: Path
+        self, array: Anything, xyz: Anything, size: Shape, path: Path
     ) -> Anything:
         """Return row and col (n, 2) of all points; ``xyz`` (n, 3) is in mm, y up."""
         if self.form == "cloud":
@@ -269,9 +263,7 @@ class FileTable:
             return np.indices(size).reshape(2, -1).T
         return listed if self.order == "row col" else listed[:, ::-1]
 
-    def read_labels(
-        self, path: Path, size: tuple[int, ...], number: int
-    ) -> dict[str, Anything]:
+    def read_labels(self, path: Path, size: Shape, number: int) -> Named:
         """Read the classes (rows, cols) of Table 5.1 in frame ``number``."""
         if self.form == "table":
             image = self._painted(path, size, number)
@@ -299,7 +291,7 @@ class FileTable:
         table[["row", "col"]] -= self.origin
         return table
 
-    def _painted(self, path: Path, size: tuple[int, ...], number: int) -> Picture:
+    def _painted(self, path: Path, size: Shape, number: int) -> Picture:
         """Return the classes of the pixels that a table lists; all others are wall."""
         table = self.read_table(path, number)
         rows = table[table["frame"] == number]
@@ -326,7 +318,7 @@ class FileTable:
         return labels.to_numpy().astype(np.uint8)
 
 
-def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, FileTable]]:
+def read_manifest(path: Path) -> tuple[Facts, dict[str, FileTable]]:
     """Read a manifest: its `FACTS` and its `TABLES`, by name.
 
     Raises

@@ -21,7 +21,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from kilnflight.arrays import Anything
+from kilnflight.arrays import Anything, Named, Texts
 from kilnflight.checks import InputError, check_number
 from kilnflight.recording.frames import count_frames
 
@@ -68,7 +68,7 @@ STATED: Facts = {  # fields of OME and ImageJ, and what holds without them
 }
 MOST_COLUMNS = 20_000  # of a text; no camera has more
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
-Key = str | Sequence[str] | None  # variable or data set; several become columns
+Key = str | Texts | None  # variable or data set; several become columns
 
 # tifffile would print what is raised here.
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)
@@ -455,9 +455,9 @@ def _read(path: Path, key: Key, named: bool) -> Anything:
     raise InputError("this kind of file is not known. Convert it.")
 
 
-def _read_mat(path: Path) -> dict[str, Anything]:
+def _read_mat(path: Path) -> Named:
     """Return the arrays of a MAT file (v5) by name, fields of a struct by its path."""
-    held = dict[str, Anything]()
+    held = Named()
     for name, value in scipy.io.loadmat(path).items():
         if name.startswith("__"):
             continue

@@ -28,7 +28,7 @@ from pandas import DataFrame
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
-from kilnflight.arrays import Anything
+from kilnflight.arrays import Anything, Tables
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import (
     Attributes,
@@ -210,7 +210,7 @@ def write_recording(
     recording: Recording,
     path: Path | str,
     frames: range | None = None,
-    truth: Mapping[str, DataFrame] | None = None,
+    truth: Tables | None = None,
 ) -> StoredRecording:
     """Write a recording to disk and return it from there.
 
@@ -263,7 +263,7 @@ def write_recording(
 def _write(
     recording: Recording,
     frames: range,
-    truth: Mapping[str, DataFrame],
+    truth: Tables,
     folder: Path,
 ) -> None:
     """Write a recording to a new folder; arguments as for `write_recording`."""

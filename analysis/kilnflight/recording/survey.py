@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from kilnflight.arrays import TwoInts
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.manifest import ORDERS, SUBSET, TABLES, FileTable
@@ -121,7 +122,7 @@ def _subsets(series: Series, folder: Path) -> list[str]:
         return []
 
 
-def _coordinate_lines(series: Series, size: tuple[int, int]) -> list[str]:
+def _coordinate_lines(series: Series, size: TwoInts) -> list[str]:
     """Return the lines of a manifest on coordinates, by those of the first file."""
     array = np.asarray(series.first, float)
     form = series.form
@@ -253,7 +254,7 @@ def _invalid(depth: Any) -> float | str:
     return "nan"
 
 
-def _origin_line(pixels: Any, size: tuple[int, int], order: str) -> str:
+def _origin_line(pixels: Any, size: TwoInts, order: str) -> str:
     """Return the line that says from which number rows and columns count."""
     ends = size if order == "row col" else size[::-1]
     if pixels.min() < 1:

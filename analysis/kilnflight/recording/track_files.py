@@ -140,19 +140,21 @@ def read_table(path: Path | str) -> DataFrame:
     >>> read_table(path)["col"].tolist()
     [7.5, 9.5]
     """
-    path = Path(path)
+    return with_pixels(read_columns(Path(path), "frame, row, col"))
+
+
+def read_columns(path: Path, needed: str) -> DataFrame:
+    """Read a table with any columns, as `read_table`; errors name those ``needed``."""
     try:
         if path.suffix == ".parquet":
             table = pd.read_parquet(path, page_checksum_verification=True)
         else:
             table = read_text(path)
     except Exception as error:  # libraries raise anything on damaged bytes
-        raise InputError(
-            f"{path}: cannot be read ({error}). Give frame, row, col."
-        ) from error
+        raise InputError(f"{path}: cannot be read ({error}). Give {needed}.") from error
     if table.empty:  # its columns have no type
         table = table.astype(int)
-    return with_pixels(table)
+    return table
 
 
 def write_table(table: DataFrame, path: Path, form: str = "csv") -> None:

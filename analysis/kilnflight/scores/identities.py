@@ -7,7 +7,7 @@ another one of its frame within the gate, alike by 1 - distance / gate.
 import numpy as np
 from scipy.spatial import KDTree
 
-from kilnflight.arrays import Array, Index, Whole
+from kilnflight.arrays import Array, Index, Numbers, Whole
 from kilnflight.association import assign
 
 Positions = tuple[Whole, Array, Index]  # frames (n,) ascending, points (n, d), tracks
@@ -15,7 +15,7 @@ KEPT = 1e3  # a pair of before is worth more than all others of a frame
 TIE = 1e-9  # smaller differences are rounding
 
 
-def identities(true: Positions, other: Positions, gate: float) -> dict[str, float]:
+def identities(true: Positions, other: Positions, gate: float) -> Numbers:
     """Return HOTA and MOTA by name.
 
     HOTA (Luiten et al., Int. J. Comput. Vis. 129, 2021) is the mean over the thresholds

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
-from kilnflight.arrays import Array, Index, Whole
+from kilnflight.arrays import Array, Index, Numbers, Texts, Whole
 from kilnflight.checks import (
     InputError,
     check_columns,
@@ -102,7 +102,7 @@ def score_tracks(
     truth: pd.DataFrame,
     candidate: pd.DataFrame,
     gate: float,
-    columns: Sequence[str] = ("row", "col"),
+    columns: Texts = ("row", "col"),
     bridged: bool = True,
 ) -> TrackScore:
     """Pair candidate tracks with true ones at the least total distance, and count.
@@ -200,9 +200,7 @@ def score_tracks(
     )
 
 
-def _identities(
-    true: Sequence[Track], other: Sequence[Track], gate: float
-) -> dict[str, float]:
+def _identities(true: Sequence[Track], other: Sequence[Track], gate: float) -> Numbers:
     """Return HOTA and MOTA by name; both are 0 without candidates."""
     if not other:
         return {}
@@ -259,7 +257,7 @@ class Track(NamedTuple):
 
 
 def _read_tracks(
-    table: pd.DataFrame, columns: Sequence[str], where: str, bridged: bool
+    table: pd.DataFrame, columns: Texts, where: str, bridged: bool
 ) -> list[Track]:
     """Return the tracks of a table, ordered by frames and positions.
 

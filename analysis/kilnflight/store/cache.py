@@ -35,7 +35,6 @@ PACKAGE = Path(__file__).parents[1]
 IMPORTS = re.compile(
     r"^ *(?:from|import) (kilnflight[\w.]*)(?: import (\([^)]*\)|.*))?", re.M
 )
-MOST_LINKS = 40  # as Linux follows
 AGAIN = "Is there room, on disk and in memory? Finished parts are kept; run it again."
 
 
@@ -77,12 +76,10 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def is_device(path: Path) -> bool:
-    """Return whether a path, or a link, leads below /dev or /proc; but for /dev/shm."""
-    steps = [path.absolute()]
-    while steps[-1].is_symlink() and len(steps) < MOST_LINKS:
-        steps.append(steps[-1].parent / steps[-1].readlink())
-    text = "\n".join(map(str, steps))
-    return re.search(r"^/(dev/(?!shm)|proc/)", text, re.M) is not None
+    """Return whether a path, or a link at it, is below /dev or /proc, but /dev/shm."""
+    link = path.readlink() if path.is_symlink() else path
+    told = f"{path.absolute()} {link}"
+    return re.search(r"(^| )/(dev/(?!shm)|proc/)", told) is not None
 
 
 def hidden(path: Path) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from kilnflight.arrays import Facts
 from kilnflight.store import paths
 from kilnflight.store.cache import locked, write_whole
 
@@ -37,7 +38,7 @@ def write(
                 print((folder / file).resolve(), file=saved)
 
 
-def load() -> dict[str, dict[str, Any]]:
+def load() -> dict[str, Facts]:
     """Return the entries of index.json whose figure or notebook still exists.
 
     Keys are "figures" (caption, provenance, kind by id) and "notebooks" (result,
@@ -54,7 +55,7 @@ def load() -> dict[str, dict[str, Any]]:
     }
 
 
-def _existing(entries: dict[str, Any], folder: Path, ending: str) -> dict[str, Any]:
+def _existing(entries: Facts, folder: Path, ending: str) -> Facts:
     """Return the entries whose file exists."""
     return {
         name: entry
@@ -63,7 +64,7 @@ def _existing(entries: dict[str, Any], folder: Path, ending: str) -> dict[str, A
     }
 
 
-def rows(part: str) -> list[dict[str, Any]]:
+def rows(part: str) -> list[Facts]:
     """Return the verdicts or choices of all notebooks, each with its notebook."""
     found = []
     for stem, concluded in load()["notebooks"].items():

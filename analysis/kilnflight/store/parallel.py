@@ -12,13 +12,13 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import joblib
 from tqdm import tqdm
 
+from kilnflight.arrays import Facts
 from kilnflight.checks import Count, InputError, Settings
 from kilnflight.store import paths
 from kilnflight.store.cache import AGAIN
@@ -29,7 +29,6 @@ LOGGED_S = 60.0  # a log shows the bar once in this time
 PR_SET_PDEATHSIG = 1  # see prctl(2)
 
 
-@dataclass(frozen=True)
 class Workers(Settings):
     """Processes of this machine or of a Dask cluster that compute pieces of work.
 
@@ -103,10 +102,10 @@ class Workers(Settings):
             for k in compute(numbered, pieces):
                 bar.update(frames[k])
 
-    def _bar(self, label: str) -> dict[str, Any]:
+    def _bar(self, label: str) -> Facts:
         """Return the options of `tqdm`: where the bar is shown, and how often."""
-        options: dict[str, Any] = {"desc": label, "unit": "frame"}
-        options["smoothing"] = 0  # mean rate
+        # smoothing 0: the mean rate
+        options: Facts = {"desc": label, "unit": "frame", "smoothing": 0}
         stem = os.environ.get(paths.NOTEBOOK)
         if stem:  # lines among those of make
             options["desc"] = f"{stem}: {label}"
@@ -114,8 +113,9 @@ class Workers(Settings):
             options["file"] = sys.__stdout__
         elif sys.stderr.isatty() or not self.into_logs:
             return options | {"disable": None}
-        rarely = dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
-        return options | rarely
+        return options | dict.fromkeys(
+            ("delay", "mininterval", "maxinterval"), LOGGED_S
+        )
 
     def _local(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
         """Yield the index of each piece that a process of this machine has finished.

@@ -5,13 +5,14 @@ wrote. A file of a known name that is not among them is the user's.
 """
 
 import hashlib
-import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from kilnflight.checks import InputError
 from kilnflight.store.cache import clear_parts, locked, write_whole
+
+OWNER = "parts/recording.txt"
 
 
 @contextmanager
@@ -48,7 +49,7 @@ def claimed(target: Path, names: Sequence[str], content: str) -> Iterator[Path]:
         ) from error
     try:
         with locked(folder):
-            owner = _owner(target)
+            owner = target / OWNER
             known = _read(owner).split()
             told = ""
             if known[:1] not in ([], [content.encode()]):
@@ -62,10 +63,8 @@ def claimed(target: Path, names: Sequence[str], content: str) -> Iterator[Path]:
                     f"{target}: has {told}. Name another folder, or empty it."
                 )
             yield folder
-            # A thread of a writer that failed may have gone on for a moment.
-            for left in folder.glob(".*.part"):
-                shutil.rmtree(left, ignore_errors=True)
             if not known:
+                clear_parts(owner)
                 write_whole(owner, content.encode())
     finally:  # nothing is left of a film that cannot be read
         with suppress(OSError):
@@ -80,7 +79,7 @@ def publish(
 
     Each file is written as a whole.
     """
-    owner = _owner(target)
+    owner = target / OWNER
     with locked(target):
         old = set(names)
         known = _read(owner).split()
@@ -94,10 +93,6 @@ def publish(
         for name in old:
             (target / name).unlink(missing_ok=True)
         write_whole(owner, b"\n".join(written))
-
-
-def _owner(target: Path) -> Path:
-    return target / "parts" / "recording.txt"
 
 
 def _read(path: Path) -> bytes:

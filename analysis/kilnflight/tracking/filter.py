@@ -22,7 +22,6 @@ sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any 
 """
 
 import math
-from dataclasses import dataclass
 from itertools import chain
 from typing import Annotated, Any, NamedTuple
 
@@ -32,7 +31,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.special import gammainc
 
-from kilnflight.arrays import Array, Flags, Index, Integers
+from kilnflight.arrays import Array, Flags, Index, Integers, Pair
 from kilnflight.association import Pairs
 from kilnflight.checks import (
     InputError,
@@ -47,7 +46,6 @@ NO_ROWS: Integers = np.zeros(0, np.intp)
 FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones faster
 
 
-@dataclass(frozen=True)
 class Motion(Settings):
     """Motion in d dimensions whose highest derivative is constant but for white noise.
 
@@ -102,7 +100,7 @@ class Motion(Settings):
         """Return the covariance R (d, d) of a measurement in px^2, one for all axes."""
         return self.spreads[0] ** 2 * np.eye(len(self.velocity))
 
-    def initial(self) -> tuple[Array, Array]:
+    def initial(self) -> Pair:
         """Return the state (k,) and covariance (k, k) of a new track at the origin."""
         axes = len(self.velocity)
         variance = np.repeat(np.square(self.spreads), axes)
@@ -185,7 +183,7 @@ def ConstantAcceleration(  # noqa: N802  named as the model
 
 def predict(
     state: Array, covariance: Array, transition: Array, process_noise: Array
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return the state (n, k) and covariance (n, k, k) of all tracks one step later.
 
     F and Q, (k, k), are the same for all tracks.
@@ -205,7 +203,7 @@ def predict(
 
 def update(
     state: Array, covariance: Array, pairs: Pairs, weights: Array | Flags
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return the state (n, k) and covariance (n, k, k) after one frame's detections.
 
     Parameters
@@ -254,7 +252,6 @@ class Detected(NamedTuple):
     rows: Integers = NO_ROWS  # (m,), row numbers in the table of detections
 
 
-@dataclass(frozen=True)
 class Gate(Settings):
     """Limit the distance of detections from a track (Eq. 4.8).
 
@@ -366,7 +363,7 @@ class Gate(Settings):
         )
 
 
-def _root(matrices: Array) -> tuple[Array, Array]:
+def _root(matrices: Array) -> Pair:
     """Return ln |S| (n,) and L^-1 of matrices S = L L' (n, d, d)."""
     if matrices.shape[1] != 2:
         factor = np.linalg.cholesky(matrices)

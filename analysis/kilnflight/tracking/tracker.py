@@ -8,7 +8,6 @@ association. A probabilistic track is recorded at the mean of its weighted detec
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,7 +61,6 @@ class Step(NamedTuple):
     tracks: Tracks  # the n tracks after the update, then the new ones
 
 
-@dataclass(frozen=True)
 class Management(Settings):
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 

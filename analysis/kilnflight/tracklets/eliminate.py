@@ -3,8 +3,6 @@
 Section 4.2.1 of the thesis.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kilnflight.arrays import Array, Index, Whole
@@ -12,7 +10,6 @@ from kilnflight.checks import NotNegative, Share
 from kilnflight.tracklets.paths import Paths, PathStep, means, step_speeds
 
 
-@dataclass(frozen=True)
 class Elimination(PathStep):
     """Keep tracklets that are long, fast and regular enough (Eq. 4.15).
 

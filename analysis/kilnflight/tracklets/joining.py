@@ -4,7 +4,6 @@ Sections 4.2.3 and 4.2.4 of the thesis.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -81,7 +80,6 @@ def hungarian(pairs: Candidates) -> Index:
     return np.sort(order[assign(earlier, later, cost, missed)])
 
 
-@dataclass(frozen=True)
 class Costs(Settings):
     """Weights of the six terms of the cost of a pair (Eq. 4.24).
 
@@ -109,7 +107,6 @@ class Costs(Settings):
     feature: NotNegative = 1e11
 
 
-@dataclass(frozen=True)
 class Joining(PathStep):
     """Join tracklets of one particle until no allowed pair is left (Fig. 4.8).
 
@@ -323,7 +320,6 @@ class Joining(PathStep):
         return pairs._replace(cost=pairs.cost + streak)
 
 
-@dataclass(frozen=True)
 class Connection(Joining):
     """Connect tracklets over a gap and merge those that overlap (section 4.2.3).
 
@@ -375,7 +371,6 @@ class Connection(Joining):
     jump: Unlimited = 18.0
 
 
-@dataclass(frozen=True)
 class Fusion(Joining):
     """Fuse trajectories that overlap in time, however long.
 

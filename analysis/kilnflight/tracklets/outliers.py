@@ -3,8 +3,6 @@
 Sections 4.2.2 and 4.2.3 of the thesis.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from pandas import DataFrame
@@ -26,7 +24,6 @@ DEPTH_MM = 657.0  # three RMSE in depth, 219 mm (Table 5.18)
 LEAST_PART = 3  # detections of a part: more than D_eps of Table 5.16
 
 
-@dataclass(frozen=True)
 class OutlierRemoval(PathStep):
     """Remove detections that change angle and speed too much (Eq. 4.18).
 
@@ -109,7 +106,6 @@ class OutlierRemoval(PathStep):
         return (angle > self.angle_deg) & (change > self.change)
 
 
-@dataclass(frozen=True)
 class Cutting(Settings):
     """Split tracks at physically impossible steps.
 

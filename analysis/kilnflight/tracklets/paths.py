@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Index, Integers, Whole
+from kilnflight.arrays import Array, Index, Integers, Pair, Whole
 from kilnflight.checks import Settings, check_columns, check_finite, check_whole
 from kilnflight.tables import order_tracks
 
@@ -142,8 +142,7 @@ def velocities(frame: Whole, place: Array) -> Array:
     paths the value has no meaning; between two points of one frame it is their
     distance.
     """
-    frames = np.diff(frame)
-    frames[frames == 0] = 1
+    frames = np.maximum(np.diff(frame), 1)
     return np.diff(place[:, :2], axis=0) / frames[:, None]
 
 
@@ -156,7 +155,7 @@ def step_speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]
     return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
 
-def turns(before: Array, after: Array) -> tuple[Array, Array]:
+def turns(before: Array, after: Array) -> Pair:
     """Return the change of direction (n,) in degrees and of velocity (n,) in px/frame.
 
     ``before`` and ``after`` (n, 2) are velocities in px/frame (Eq. 4.19, Fig. 4.5). The

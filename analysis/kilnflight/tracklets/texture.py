@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, Flags, Integers
+from kilnflight.arrays import Array, Flags, Integers, TwoInts
 
 LAWS_LEVEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])  # Eq. 4.25, thesis
 LAWS_EDGE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0])
@@ -64,7 +64,7 @@ def texture_energy(
 def level_edge(
     start: Array,
     end: Array,
-    period: tuple[int, int],
+    period: TwoInts,
     differences: Any,
     half_width: float = 15.0,
     average: bool = False,

@@ -6,7 +6,7 @@
           pictures -> spots -> tracking, straight            (images: Figs 6b, 6d)
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ import pandas as pd
 from pandas import DataFrame, Series
 from tqdm import tqdm
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Numbers, Tables, Texts
 from kilnflight.belt.camera import (
     BELT,
     TRACKED,
@@ -23,8 +23,7 @@ from kilnflight.belt.camera import (
     calibrate_camera,
     find_corners,
 )
-from kilnflight.belt.models import CV, LateralCV, Straight
-from kilnflight.belt.online import predict_arrivals
+from kilnflight.belt.models import CV, LateralCV, Predictor, Straight
 from kilnflight.belt.phase import PredictionPhase, last_states, summarise_deviations
 from kilnflight.belt.pictures import MeasureSpots, Spots, average
 from kilnflight.belt.tracker import (
@@ -63,7 +62,8 @@ class PictureTracks(NamedTuple):
 
 def tracker_until(end_mm: float) -> BeltTracker:
     """Return the tracker at 200 frames/s of the belt up to x = ``end_mm``."""
-    return BeltTracker(appearance=Appearance(Area(end_mm=end_mm)))
+    motion = constant_velocity(acceleration_mm_s2=2000.0)  # B5 of choices
+    return BeltTracker(motion, Appearance(Area(end_mm=end_mm)))
 
 
 def track_pictures(
@@ -158,9 +158,7 @@ def from_images(
     return _of_approaches({TRACKING: tracked, STRAIGHT: raw}, arrival, phase.target_mm)
 
 
-def _of_approaches(
-    states: Mapping[str, DataFrame], arrival: DataFrame, target_mm: float
-) -> DataFrame:
+def _of_approaches(states: Tables, arrival: DataFrame, target_mm: float) -> DataFrame:
     """Return `deviations` of last states by approach, in one table."""
     tables = [
         deviations(approach, last, arrival, target_mm)
@@ -223,7 +221,7 @@ def deviations(
         predicted, except the place of `STRAIGHT`.
     """
     lateral = Straight() if approach == STRAIGHT else LateralCV()
-    predicted = predict_arrivals(last, CV(), lateral, target_mm)
+    predicted = DataFrame(Predictor(CV(), lateral, target_mm)(last))
     if approach == STRAIGHT:
         predicted["time_s"] = np.nan
     table = predicted.merge(arrival, on="particle", suffixes=("", "_true"))
@@ -254,11 +252,12 @@ def rate_1000(end_mm: float) -> BeltTracker:
         entry_blur_mm=usual.entry_blur_mm * share,
         clutter=usual.clutter * share,
     )
-    motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
+    change = 433.0 * np.sqrt(TRUTH_HZ / BELT_FRAME_S)  # mm/s^2 in 5 ms
+    motion = constant_velocity(NOISE_FREE_MM, change)
     return BeltTracker(motion, appearance, 1 / TRUTH_HZ)
 
 
-def summaries(table: DataFrame, groups: Sequence[str], seed: int) -> DataFrame:
+def summaries(table: DataFrame, groups: Texts, seed: int) -> DataFrame:
     """Return the box plots of Fig. 6 with 95 % intervals, a row per box.
 
     Parameters
@@ -290,7 +289,7 @@ def summaries(table: DataFrame, groups: Sequence[str], seed: int) -> DataFrame:
     return DataFrame(rows)
 
 
-def _summarise(deviation: Array, seed: int) -> dict[str, float]:
+def _summarise(deviation: Array, seed: int) -> Numbers:
     """Return the box plot of deviations (n,) with 95 % intervals, as in `summaries`."""
     known = deviation[~np.isnan(deviation)]
     size = (_REPLICATES, len(known))

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame, Series
 from scipy.interpolate import CubicSpline
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Tables, Texts
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.belt.phase import (
     SUMMARY,
@@ -58,7 +58,7 @@ _IN_UNITS = "median|q25|q75|iqr|mae|whisker|excess"  # columns in ms or mm begin
 
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
 # Models that should deviate less, and models that should deviate more, by claim.
-Orders = Mapping[str, Sequence[tuple[Sequence[str], Sequence[str]]]]
+Orders = Mapping[str, Sequence[tuple[Texts, Texts]]]
 
 
 def find_dem() -> dict[str, Path]:
@@ -110,9 +110,7 @@ def find_recordings() -> dict[str, list[Path]]:
     return files
 
 
-def load_tracks(
-    files: Mapping[str, Path], seed: int, particles: int | None
-) -> dict[str, DataFrame]:
+def load_tracks(files: Mapping[str, Path], seed: int, particles: int | None) -> Tables:
     """Return the tracks by material, the authors' or the friction model's.
 
     Parameters
@@ -188,9 +186,7 @@ def resample(tracks: DataFrame, rate_hz: float) -> DataFrame:
     return table
 
 
-def resample_observed(
-    tracks: Mapping[str, DataFrame], observed: Sets
-) -> dict[str, DataFrame]:
+def resample_observed(tracks: Tables, observed: Sets) -> Tables:
     """Return the tracks of observed particles at the paper's 1000 Hz, by data set."""
     fast = {}
     for name, table in tracks.items():
@@ -199,7 +195,7 @@ def resample_observed(
     return fast
 
 
-def shake(tracks: Mapping[str, DataFrame], seed: int) -> dict[str, DataFrame]:
+def shake(tracks: Tables, seed: int) -> Tables:
     """Return tracks by data set with normal noise of `JITTER_MM` on each position."""
     generator = np.random.default_rng(seed)
     shaken = {}
@@ -366,9 +362,7 @@ def compare_orders(
     return DataFrame(rows)
 
 
-def _excess(
-    deviations: DataFrame, lower: Sequence[str], higher: Sequence[str]
-) -> Series:
+def _excess(deviations: DataFrame, lower: Texts, higher: Texts) -> Series:
     """Return the smallest of ``higher`` minus the largest of ``lower``, by row.
 
     ``deviations`` has a column per model.
@@ -382,7 +376,7 @@ def bootstrap(
     deviations: Deviations,
     replicates: int,
     seed: int,
-) -> dict[str, DataFrame]:
+) -> Tables:
     """Return MAE and IQR of all models in bootstrap replicates over particles.
 
     Models are calibrated with 1 % of the particles (section 5), in up to

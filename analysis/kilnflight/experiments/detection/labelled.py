@@ -18,7 +18,7 @@ from pandas import DataFrame, Series
 from tqdm import tqdm
 
 from kilnflight import chain
-from kilnflight.arrays import Array, Index, Integers, Picture
+from kilnflight.arrays import Array, Facts, Index, Integers, Picture, Shape
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.detection import (
@@ -115,7 +115,7 @@ class Subset(NamedTuple):
 
     name: str
     recording: Recording
-    frames: tuple[int, ...]
+    frames: Shape
     particles: DataFrame
     instances: Callable[[int], Integers]
     background: BackgroundModel
@@ -151,9 +151,7 @@ class Subset(NamedTuple):
         )
 
     @classmethod
-    def of(
-        cls, twin: Twin, frames: tuple[int, ...], background: BackgroundModel
-    ) -> Self:
+    def of(cls, twin: Twin, frames: Shape, background: BackgroundModel) -> Self:
         """Mark the visible particles in some frames of a simulated recording."""
         return cls(
             name=twin.scene.name,
@@ -281,7 +279,7 @@ def score_methods(
         diameter; ``tp_pixels`` ... within the pixels of a particle (5.1.1); ``tp_2``,
         ``fn_2`` ... with 45 px by class of Table 5.1 (2, 3, 4).
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[Facts] = []
     for subset in subsets:
         for view in tqdm(subset.views(), subset.name, unit="frame", disable=None):
             if not rows:  # untimed, so that each is compiled
@@ -295,7 +293,7 @@ def score_methods(
 
 def _frame_rows(
     subset: Subset, view: View, methods: Mapping[Any, Method]
-) -> list[dict[str, Any]]:
+) -> list[Facts]:
     """Return a row of `score_methods` for each method in one frame.
 
     Only the method itself is timed.
@@ -324,7 +322,7 @@ def _frame_rows(
     return rows
 
 
-def class_counts(score: FrameScore, labels: Integers) -> dict[str, Any]:
+def class_counts(score: FrameScore, labels: Integers) -> Facts:
     """Count found and missed particles of each class; ``labels`` (n,) are of all."""
     found = labels[score.pairs[:, 0]]
     missed = labels[score.missed]
@@ -465,7 +463,7 @@ def best_threshold(table: DataFrame) -> float:
     return ranked["method"].iloc[-1]
 
 
-def tried_thresholds(scale: str) -> tuple[int, ...]:
+def tried_thresholds(scale: str) -> Shape:
     """Return the DoG thresholds (grey values) of a scale: every fourth for "quick"."""
     if scale == "quick":
         return THRESHOLDS[::4]

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from pandas import DataFrame, Series
 
+from kilnflight.arrays import Numbers
 from kilnflight.experiments.flights import campaigns
 from kilnflight.experiments.flights.campaigns import Campaign, counted_flights, stack
 from kilnflight.experiments.flights.comparison import median_columns
@@ -122,7 +123,7 @@ def compare_campaigns(results: campaigns.Results) -> DataFrame:
     )
 
 
-def errors(both: DataFrame, seed: int = 0) -> dict[str, float]:
+def errors(both: DataFrame, seed: int = 0) -> Numbers:
     """Return bias and spread of measured quantities, and counts of particles.
 
     Parameters
@@ -148,7 +149,7 @@ def errors(both: DataFrame, seed: int = 0) -> dict[str, float]:
     real = both[(both["particle"] >= 0) & both["measurable"]]
     measured = real["track"] >= 0
     share = intervals.share(int(measured.sum()), len(real))
-    row: dict[str, float] = {
+    row: Numbers = {
         "measurable_particles": len(real),
         "detected_particles": measured.sum(),
         "false_flights": (both["particle"] < 0).sum(),

@@ -20,7 +20,7 @@ import pandas as pd
 from pandas import DataFrame
 
 from kilnflight import chain, regression
-from kilnflight.arrays import Array, Flags
+from kilnflight.arrays import Array, Flags, Texts
 from kilnflight.chain import Chain, DetectionRun
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
@@ -365,15 +365,13 @@ def whole_flights(campaign: Campaign) -> Flags:
 
 
 def values_by_campaign(
-    tables: Measurement, keys: Iterable[CampaignKey], complete: Sequence[str] = COMPLETE
+    tables: Measurement, keys: Iterable[CampaignKey], complete: Texts = COMPLETE
 ) -> dict[CampaignKey, FlightValues]:
     """Return the `flight_values` of each campaign, from the tables of all campaigns."""
     return {key: flight_values(tables.of(key), complete) for key in keys}
 
 
-def flight_values(
-    tables: Measurement, complete: Sequence[str] = COMPLETE
-) -> FlightValues:
+def flight_values(tables: Measurement, complete: Texts = COMPLETE) -> FlightValues:
     """Return times, velocities and reach of one campaign's `counted_flights`.
 
     Flights with one of the endings ``complete`` have a dwell time (section 5.3.1,

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import ArrayLike, Generator
+from kilnflight.arrays import ArrayLike, Generator, Numbers
 from kilnflight.experiments.flights.campaigns import CAMPAIGNS, KEYS, CampaignKey
 from kilnflight.publication import claims
 from kilnflight.scores import intervals
@@ -41,7 +41,7 @@ PUT_IN = 4000  # particles of a run whose flights show what was put in
 VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
 
 
-def interval_columns(interval: Interval) -> dict[str, float]:
+def interval_columns(interval: Interval) -> Numbers:
     """Return number, estimate, low, high as table cells; NaN for infinite ends."""
     row = {"number": interval.number, **interval._asdict()}
     if not np.isfinite(interval.estimate + interval.high):
@@ -55,7 +55,7 @@ def median_of(values: ArrayLike, generator: Generator) -> Interval:
     return intervals.median_interval(sample[np.isfinite(sample)], generator)
 
 
-def median_columns(values: ArrayLike, generator: Generator) -> dict[str, float]:
+def median_columns(values: ArrayLike, generator: Generator) -> Numbers:
     """Return the `interval_columns` of `median_of`."""
     return interval_columns(median_of(values, generator))
 

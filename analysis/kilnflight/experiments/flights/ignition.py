@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Numbers
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.experiments.flights.comparison import interval_columns
 from kilnflight.flight.empty import EMPTY_FRAMES
@@ -21,7 +21,7 @@ def count_lit(
     flying: DataFrame,
     outcomes: Mapping[int, str],
     ignites: Series,
-) -> dict[str, float]:
+) -> Numbers:
     """Count flights that ignite by the test, and how often it is right.
 
     "If the gray value increases abruptly, the particles can be assumed ignited"
@@ -62,7 +62,7 @@ def count_lit(
     few = ~rises & (outcome != NONE)
     at_first = light.eq(True)  # NaN: no detection
     share = intervals.share(int(rises.sum()), len(flights))
-    count: dict[str, float] = {
+    count: Numbers = {
         "light_up": rises.sum(),
         "light_at_first": at_first.sum(),
         "too_few": few.sum(),

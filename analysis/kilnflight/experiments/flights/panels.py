@@ -7,16 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from pandas import DataFrame, Series
 
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Two
 from kilnflight.experiments import plots
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.publication import style
 from kilnflight.regression import Fit, Three
 
 
-def draw_stretched(
-    axes: Axes, image: Array, tails: tuple[float, float], step: int
-) -> None:
+def draw_stretched(axes: Axes, image: Array, tails: Two, step: int) -> None:
     """Draw an image (rows, cols) from black to white between two of its quantiles.
 
     Blocks of ``step`` x ``step`` px are averaged.

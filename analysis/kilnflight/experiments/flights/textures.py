@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Array, Generator, Index
+from kilnflight.arrays import Array, Generator, Index, Numbers, Two, TwoInts
 from kilnflight.checks import InputError
 from kilnflight.experiments.flights.tracking import Window
 from kilnflight.tracklets import Connection
@@ -39,7 +39,7 @@ def joints(tracks: DataFrame, connection: Connection, differences: Any) -> DataF
         last position of the earlier and the first of the later; ``first_frame`` and
         ``last_frame`` of both.
     """
-    pairs: list[tuple[int, int]] = []
+    pairs: list[TwoInts] = []
 
     def matching(possible: Candidates) -> Index:
         taken = connection.matching(possible)
@@ -101,7 +101,7 @@ def texture_boxes(
     return with_track, without_track
 
 
-def energies(box: Array) -> dict[str, float]:
+def energies(box: Array) -> Numbers:
     """Return the 15 texture energies "LL" to "RR" of a sum of frame differences.
 
     ``box`` is (rows, cols) grey values. Fig. 4.13 compares energies with and without a
@@ -111,9 +111,7 @@ def energies(box: Array) -> dict[str, float]:
     return {a + b: texture_energy(box, MASKS[a], MASKS[b]) for a, b in pairs}
 
 
-def _empty_place(
-    window: Window, frames: range, generator: Generator
-) -> tuple[float, float]:
+def _empty_place(window: Window, frames: range, generator: Generator) -> Two:
     """Return a random place (row, col) in px, over 180 px from all true positions.
 
     Only positions in ``frames`` count. The distance is three times the longer side of a
@@ -127,7 +125,7 @@ def _empty_place(
     raise InputError(f"{window.fraction}: no place without a track in {frames}.")
 
 
-def _summed(window: Window, frames: range, place: tuple[float, float]) -> Array:
+def _summed(window: Window, frames: range, place: Two) -> Array:
     """Return the sum of differences (60, 30) in grey values around a place (row, col).
 
     At the border the box is moved into the image.

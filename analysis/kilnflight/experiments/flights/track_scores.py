@@ -15,7 +15,7 @@ import numpy as np
 from pandas import DataFrame
 
 from kilnflight import tracklets
-from kilnflight.arrays import Array
+from kilnflight.arrays import Array, Numbers, Texts, Two
 from kilnflight.publication import claims
 from kilnflight.scores import score_tracks
 from kilnflight.scores.intervals import DRAWS, LEAST, percentiles, track_draws
@@ -107,7 +107,7 @@ def score_from_lance(
     return score_tracks(true, from_lance(tracks, lance), GATE_PX, bridged=False)
 
 
-def measures_of(score: TrackScore | None) -> dict[str, float]:
+def measures_of(score: TrackScore | None) -> Numbers:
     """Return the four measures and counts of tracks; NaN if ``score`` is None."""
     names = (*MEASURES, "tp_tracks", "fn_tracks", "fp_tracks")
     if score is None:
@@ -128,7 +128,7 @@ class Scored(NamedTuple):
         so differences of cells are paired.
     """
 
-    measures: dict[str, float]
+    measures: Numbers
     draws: Array
 
 
@@ -157,7 +157,7 @@ def score_cell(
     return Scored(measures_of(score), draws)
 
 
-def _ends(draws: Array) -> tuple[float, float]:
+def _ends(draws: Array) -> Two:
     """Return the ends of an interval, NaN where a cell has too few trajectories."""
     if np.isnan(draws).any():
         return np.nan, np.nan
@@ -214,8 +214,8 @@ def beside_published(measured: DataFrame) -> DataFrame:
 class Group(NamedTuple):
     """Cells of one stage: all pairs of a fraction and a tracker."""
 
-    fractions: Sequence[str]
-    trackers: Sequence[str] = TRACKERS
+    fractions: Texts
+    trackers: Texts = TRACKERS
     stage: str = "with"  # one of `STAGES`
 
     def keys(self) -> list[Key]:
@@ -234,7 +234,7 @@ class Group(NamedTuple):
 
 
 def difference(
-    cells: Cells, first: Group, second: Group, measures: Sequence[str]
+    cells: Cells, first: Group, second: Group, measures: Texts
 ) -> dict[str, object]:
     """Return the first minus the second group with its 95 % interval, and as printed.
 
@@ -279,7 +279,7 @@ def difference(
 
 
 def contrasts(
-    fractions: Sequence[str],
+    fractions: Texts,
 ) -> Iterator[tuple[str, Group, Group, list[str]]]:
     """Yield id, groups and measures of each difference that section 5.2.3 claims."""
     both = ["alpha", "beta"]

@@ -15,7 +15,7 @@ import pandas as pd
 from pandas import DataFrame
 
 from kilnflight import tracklets
-from kilnflight.arrays import Whole
+from kilnflight.arrays import Tables, Whole
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.detection.labelled import BACKGROUNDS, sift
 from kilnflight.experiments.flights.campaigns import LearnedSettings
@@ -47,7 +47,7 @@ from kilnflight.tracklets.paths import PathStep
 # Frames of each scale; 0: as many as in Table 5.15
 LENGTHS = {"quick": 12, "standard": 32, "full": 0}
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # a smoke run has these alone
-Stages = Mapping[str, DataFrame]  # "without" or "with" post-processing -> tracks
+Stages = Tables  # "without" or "with" post-processing -> tracks
 Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
 # Function of detections that returns them with ``particle``, -1: none
 Tracker = Callable[[DataFrame], DataFrame]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, Index, Single
+from kilnflight.arrays import Array, Index, Pair, Single, Two
 from kilnflight.simulated.kiln.geometry import FULL_SCALE, Geometry, meet_tube
 from kilnflight.simulated.kiln.light import Optics
 
@@ -73,7 +73,7 @@ class Interior:
     edge_px: int = 90
     clutter: float = 80.0
     clutter_gray: float = 2500.0
-    roi: tuple[tuple[float, float], ...] = (
+    roi: tuple[Two, ...] = (
         (0.07, 0.10),
         (0.07, 0.90),
         (0.50, 0.95),
@@ -89,7 +89,7 @@ def _see_tube(
     radius_mm: float,
     bore_mm: float,
     pixels: tuple[Index, ...],
-) -> tuple[Array, Array]:
+) -> Pair:
     """Return depth in mm and level over the wall's of a tube at pixels (row, column).
 
     The tube lies along the kiln's axis from the inlet to its mouth (3,), with an outer
@@ -157,9 +157,7 @@ def _edges(rows: int, columns: int, edge_px: int) -> Single:
     return np.asarray(np.clip(1 - inside / edge_px, 0, 1) * pattern / 3, np.float32)
 
 
-def _sines(
-    seed: int, stream: int, limits_hz: tuple[float, float], time_s: float
-) -> Array:
+def _sines(seed: int, stream: int, limits_hz: Two, time_s: float) -> Array:
     """Return three sums of six sines each, of unit spread, at a time."""
     generator = np.random.default_rng([seed, stream])
     low, high = np.log(limits_hz)

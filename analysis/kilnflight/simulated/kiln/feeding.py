@@ -8,7 +8,7 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Flags, Generator, Integers, Picture
+from kilnflight.arrays import Flags, Generator, Integers, Numbers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import Scene
@@ -24,7 +24,7 @@ BURNING = 2
 UNLIT = 3
 ON_WALL = 4
 # Shares of the fractions in each class of a subset; assumption
-MIXTURES: dict[int, dict[str, float]] = {
+MIXTURES: dict[int, Numbers] = {
     BURNING: {"paper shred": 0.7, "confetti": 0.3},
     UNLIT: {"wood chip": 0.2, "PE granule": 0.2, "confetti": 0.35, "paper shred": 0.25},
     ON_WALL: {

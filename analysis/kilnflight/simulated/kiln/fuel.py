@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Flags, Generator
+from kilnflight.arrays import Flags, Generator, Two
 
-Range = tuple[float, float]
+Range = Two
 _SIZES = ["length_mm", "width_mm", "thickness_mm"]
 
 

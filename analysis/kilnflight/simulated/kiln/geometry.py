@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from kilnflight.arrays import Array, ArrayLike
+from kilnflight.arrays import Array, ArrayLike, Pair, Two
 
 FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 
@@ -52,7 +52,7 @@ class Geometry:
     axis_far_mm: tuple[float, float, float] = (66.8, 445.5, 8332.8)
     axis_height_mm: float = 617.7
     lance_depth_mm: float = 5856.0
-    lance_pixel: tuple[float, float] = (483.8, 936.3)
+    lance_pixel: Two = (483.8, 936.3)
     rows: int = 1536
     columns: int = 2048
     focal_length_px: float = 85.0 / 0.011
@@ -101,7 +101,7 @@ class Geometry:
         """Turn camera coordinates (..., 3) in mm into kiln coordinates in m."""
         return (position_mm - self.origin_mm) @ self.axes.T / 1000.0
 
-    def project(self, position_mm: Array) -> tuple[Array, Array]:
+    def project(self, position_mm: Array) -> Pair:
         """Return row and column of camera coordinates (..., 3) of positive depth."""
         scale = self.focal_length_px / position_mm[..., 2]
         row = (self.rows - 1) / 2 - position_mm[..., 1] * scale
@@ -117,7 +117,7 @@ class Geometry:
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
         return np.stack(np.broadcast_arrays(x, y, depth), axis=-1)
 
-    def rays(self, row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
+    def rays(self, row: ArrayLike, column: ArrayLike) -> Pair:
         """Return the rays of pixels along the kiln's axes.
 
         Returns

@@ -20,7 +20,18 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, ArrayLike, Flags, Generator, Index, Picture, Single
+from kilnflight.arrays import (
+    Array,
+    ArrayLike,
+    Flags,
+    Generator,
+    Index,
+    Pair,
+    Picture,
+    Shape,
+    Single,
+    TwoInts,
+)
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.compiled import compiled
 from kilnflight.simulated.kiln.background import FULL_COLUMNS, Background
@@ -91,7 +102,7 @@ class LensCamera:
         within 800 mm of the axis (Table 5.13).
     """
 
-    lenses: tuple[int, int] = (152, 176)
+    lenses: TwoInts = (152, 176)
     wall_points: int = 165_000
     kept_per_frame: float = 0.9
     contrast: float = 12.0
@@ -145,7 +156,7 @@ class LensCamera:
 
 
 @lru_cache(maxsize=1)
-def _tabulate_captured() -> tuple[Array, Array]:
+def _tabulate_captured() -> Pair:
     """Return true depths, ascending up to 15 m, and the captured ones."""
     # The second segment of the equation begins here.
     jump = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))
@@ -159,7 +170,7 @@ class Lattice(NamedTuple):
 
     rows: int  # size of the picture
     columns: int
-    lenses: tuple[int, int]
+    lenses: TwoInts
 
     @property
     def pitch_px(self) -> float:
@@ -172,7 +183,7 @@ class Lattice(NamedTuple):
         return round(self.pitch_px / BLOCKS)
 
     @property
-    def blocks(self) -> tuple[int, int]:
+    def blocks(self) -> TwoInts:
         """Rows and columns of blocks."""
         return -(-self.rows // self.block_px), -(-self.columns // self.block_px)
 
@@ -491,9 +502,9 @@ def _choose_textured(
 
 def _draw_smooth(
     generator: Generator,
-    picture: tuple[int, ...],
+    picture: Shape,
     cell_px: float,
-    size: tuple[int, int],
+    size: TwoInts,
 ) -> Single:
     """Draw a smooth field of unit variance.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.arrays import Array, ArrayLike, Index
+from kilnflight.arrays import Array, ArrayLike, Index, Two
 from kilnflight.simulated.kiln.geometry import FULL_SCALE
 
 # The wall has its level at this shutter, just below the frame period at 330 Hz.
@@ -79,10 +79,10 @@ class Optics:
     bodies: tuple[tuple[str, float], ...] = (("wood chip", 0.6), ("PE granule", 0.7))
     body_spread: float = 0.25
     tumble: float = 0.4
-    tumble_hz: tuple[float, float] = (2.0, 6.0)
+    tumble_hz: Two = (2.0, 6.0)
     share_on: float = 0.18
-    flutter: tuple[float, float] = (0.1, 0.3)
-    flutter_hz: tuple[float, float] = (10.0, 60.0)
+    flutter: Two = (0.1, 0.3)
+    flutter_hz: Two = (10.0, 60.0)
     tail_s: float = 1.0e-3
     longest_tail_mm: float = 4.0
     curl: float = 0.25

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Array, Index
+from kilnflight.arrays import Facts, Index, Pair, Shape
 from kilnflight.checks import InputError
 from kilnflight.simulated.kiln.feeding import LEAD_S
 from kilnflight.simulated.kiln.fuel import FRACTIONS
@@ -30,7 +30,7 @@ FRAMES = 160  # length of a subset
 # labelled.csv has the labelled particles of a class in ten frames of each subset: all
 # (Table 5.2), and those within the region of interest (Table 5.3).
 _LABELS: Any = pd.read_csv(Path(__file__).with_name("labelled.csv"))
-COUNTS: dict[int, tuple[tuple[int, ...], ...]] = {
+COUNTS: dict[int, tuple[Shape, ...]] = {
     row.label: (
         tuple(map(int, row.everywhere.split())),
         tuple(map(int, row.within.split())),
@@ -43,7 +43,7 @@ COUNTS: dict[int, tuple[tuple[int, ...], ...]] = {
 # the first frame in the thesis's recordings; a trajectory counts when any part lies in
 # the window. Frames of the recordings at 4.5 and 5 bar (appendix A.1).
 _TABLE: Any = pd.read_csv(Path(__file__).with_name("scenes.csv"), index_col="fraction")
-RECORDED: dict[str, dict[str, Any]] = _TABLE.to_dict("index")
+RECORDED: dict[str, Facts] = _TABLE.to_dict("index")
 LASTING = 15  # frames, as `kilnflight.experiments.flights.track_scores.lasting` has
 DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
 
@@ -100,7 +100,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     )
 
 
-def flight_frames(twin: Twin) -> tuple[Array, Array]:
+def flight_frames(twin: Twin) -> Pair:
     """Return when the true flights (n,) begin and end, in frames."""
     rate = twin.scene.frame_rate_hz
     begin = twin.life.release_s * rate

@@ -12,7 +12,7 @@ import pandas as pd
 from pandas import DataFrame
 from tqdm import tqdm
 
-from kilnflight.arrays import Array, Integers, Single
+from kilnflight.arrays import Array, Integers, Pair, Single, Tables
 from kilnflight.checks import InputError
 from kilnflight.detection.region import inside
 from kilnflight.scores.flights import MARKS_M, FlightValues
@@ -30,7 +30,7 @@ NOTED_STEPS = 4
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}
 
 
-def tables(twin: Twin, frames: range) -> dict[str, DataFrame]:
+def tables(twin: Twin, frames: range) -> Tables:
     """Return the tables `particles` and `sightings` of some frames.
 
     Raises
@@ -100,7 +100,7 @@ def _join_marks(parts: Iterable[DataFrame]) -> DataFrame:
     return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
 
 
-def _light_centroids(view: SceneView, empty: Single) -> tuple[Array, Array]:
+def _light_centroids(view: SceneView, empty: Single) -> Pair:
     """Return row and column (m,) in px of the light pixels of each particle in a view.
 
     ``empty`` (rows, columns) is the picture without particles. See `noted`.

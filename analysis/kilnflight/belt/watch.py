@@ -1,0 +1,155 @@
+"""Say what is wrong with a running sorter: each thing once.
+
+A wrong unit or frame interval, swapped axes, and a filter that loses particles all show
+in what is measured. The limits are choices.
+"""
+
+import warnings
+from collections import Counter, defaultdict, deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kilnflight.arrays import Array, Integers, Named, Words
+from kilnflight.belt.models import Predictor
+from kilnflight.belt.tracker import LOST, RUNNING, SIDEWAYS, BeltTracker
+from kilnflight.checks import InputError
+from kilnflight.tracking.filter import Detected
+from kilnflight.tracking.tracker import Tracks
+
+ENOUGH = 100  # tracks that have ended, before their share says something
+LATEST = 40  # particles whose median says something: as many as calibrate
+MOST_LOST = 0.05  # share of lost tracks
+DIRT = "dirt"  # tracks that end before they are taken for particles
+SLOWEST, FASTEST = 0.2, 1.1  # velocities of particles, in that of the belt
+
+
+@dataclass
+class Watch:
+    """Counts of a running sorter, and warnings of what they mean.
+
+    Parameters
+    ----------
+    tracker, predictor
+        Those of the sorter.
+    """
+
+    tracker: BeltTracker
+    predictor: Predictor
+    _told: set[str] = field(default_factory=set)
+    _measured: int = 0
+    _inside: int = 0
+    # Numbers of the reasons why tracks ended.
+    _ends: Counter[str] = field(default_factory=Counter)
+    # How often each class was measured, by track.
+    _classes: defaultdict[int, Counter[float]] = field(
+        default_factory=lambda: defaultdict(Counter)
+    )
+    # Velocities in mm/s of the latest particles.
+    _velocities: deque[float] = field(default_factory=lambda: deque(maxlen=LATEST))
+
+    def __post_init__(self) -> None:
+        # What this imports takes a quarter of a second; no frame may wait for it.
+        self.tracker.motion.process_noise(self.tracker.frame_s)
+        target_mm = self.predictor.target_mm
+        if target_mm <= self.tracker.appearance.area.end_mm:
+            raise InputError(
+                f"target_mm: {target_mm} lies in the area where particles are tracked."
+            )
+
+    def tell(self, what: str, text: str) -> None:
+        """Warn of something, the first time."""
+        if what not in self._told:
+            self._told.add(what)
+            warnings.warn(text, stacklevel=4)
+
+    def step(
+        self,
+        detected: Detected,
+        measured: Array,
+        place: slice,
+        tracks: Tracks,
+        reasons: Words,
+        predicted: Named,
+    ) -> Integers:
+        """Count what a frame shows, and return the classes (k,) of those that left.
+
+        The class is the most frequent one of a track's measurements; -1: none.
+
+        Parameters
+        ----------
+        detected
+            What the tracker got.
+        measured, place
+            All measurements (m, k), and columns x, y of them; the next is a class.
+        tracks, reasons
+            Tracks (n,) and why they end, from `BeltTracker.reasons`.
+        predicted
+            What `Predictor` returns of the k that left, and their ``velocity_x_mm_s``.
+        """
+        self._count_places(detected, measured[:, place])
+        self._count_ends(tracks, reasons)
+        self._check_velocity(predicted["velocity_x_mm_s"])
+        if measured.shape[1] > place.stop:
+            seen = tracks[tracks["row"] >= 0]
+            known = measured[seen["row"], place.stop].tolist()
+            for particle, kind in zip(seen["particle"].tolist(), known, strict=True):
+                self._classes[particle][kind] += 1
+        votes = [self._classes[particle] for particle in predicted["particle"].tolist()]
+        for particle in tracks["particle"][reasons != RUNNING].tolist():
+            self._classes.pop(particle, None)
+        most = [max(each, key=each.__getitem__, default=-1) for each in votes]
+        return np.array(most, np.int64)
+
+    def _count_places(self, detected: Detected, places: Array) -> None:
+        area = self.tracker.appearance.area
+        inside = int(area.contains(places).sum())
+        used = len(detected.positions)
+        self._measured += len(places)
+        self._inside += inside
+        if inside > used or not np.isfinite(places).all():
+            told = f"frame {detected.frame}: a particle is there twice, or not finite"
+            self.tell("unusable particle", f"{told}. These are always left out.")
+        enough = self._measured >= ENOUGH
+        if enough and self._inside < MOST_LOST * self._measured:
+            low = places.min(axis=0, initial=np.inf)
+            high = places.max(axis=0, initial=-np.inf)
+            self.tell(
+                "outside",
+                f"next to nothing lies in the tracked {area}; x is {low[0]:g} to "
+                f"{high[0]:g}, y {low[1]:g} to {high[1]:g}: no mm, or x and y swapped?",
+            )
+
+    def _count_ends(self, tracks: Tracks, reasons: Words) -> None:
+        ended = reasons != RUNNING
+        kinds = np.where(tracks["valid"], reasons, DIRT)[ended]
+        self._ends.update(kinds.tolist())
+        dirt = self._ends[DIRT]
+        valid = self._ends.total() - dirt
+        lost = self._ends[LOST] + self._ends[SIDEWAYS]
+        if dirt + valid >= ENOUGH and dirt > valid:
+            self.tell(
+                DIRT,
+                f"{dirt} of {dirt + valid} tracks end before they are taken for "
+                "particles: is the frame interval wrong, the unit, or the belt's "
+                "velocity?",
+            )
+        if valid >= ENOUGH and lost > MOST_LOST * valid:
+            self.tell(
+                "lost",
+                f"{lost} of {valid} particles are lost or leave sideways: give the "
+                "motion more noise of acceleration (constant_velocity).",
+            )
+
+    def _check_velocity(self, velocities: Array) -> None:
+        self._velocities.extend(velocities)
+        if len(self._velocities) < LATEST:
+            return
+        belt = 2.0 * self.tracker.motion.velocity[0]  # new tracks have half of it
+        velocity = np.median(self._velocities)
+        if not SLOWEST * belt < velocity < FASTEST * belt:
+            self.tell(
+                "velocity",
+                f"particles move at {velocity:.0f} mm/s, the belt at {belt:.0f}: is "
+                "the frame interval wrong, or the unit?",
+            )
