@@ -294,19 +294,19 @@ figures.save(
 # %% [markdown]
 # ## Windows by deviations beside equal ones
 #
-# With equal windows the nearest valve opens, however uncertain the place is. Windows by
-# deviations open its neighbours, too.
+# With as much air, windows by deviations hit more. An equal window opens the nearest
+# valve, however uncertain the place is, so that longer ones hit no more from some time
+# on. Windows by deviations open the neighbours, too, and hit a little more of the other
+# particles.
 
 # %% tags=["hide-input"]
 best = table[table["model"] == "IA-Ratio"]
-picture, (panels,) = style.canvas(
-    1, len(exact), width_mm=style.PAGE_MM, sharex=True, sharey=True
-)
+picture, (panels,) = style.canvas(1, len(exact), width_mm=style.PAGE_MM, sharey=True)
 for name, axes in zip(exact, panels, strict=True):
     rows = best[(best["data_set"] == name) & (best["source"] == "pictures")]
     rows = rows.sort_values("air_ms")
-    for column, mark in (("open_ms", "o-"), ("deviations", "s--")):
-        some = rows[rows[column] > 0]
+    for by_deviations, mark in ((False, "o-"), (True, "s--")):
+        some = rows[(rows["deviations"] > 0) == by_deviations]
         axes.plot(some["air_ms"], some["hit_percent"], mark)
     axes.set(title=f"{name}, from pictures", xlabel="air for each particle (ms)")
 panels[0].set_ylabel("particles to be blown out\nthat are hit (%)")
