@@ -208,7 +208,8 @@ def sort_spots(
     >>> from kilnflight.belt.valves import ValveBar
     >>> spots = [(k, np.array([[390.0 + 6 * k, 90.0]])) for k in range(70)]
     >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
-    >>> sorter = sort_spots(spots, Predictor(), schedule)
+    >>> stopped = lambda: 0.0  # of this example; a sorter's clock runs
+    >>> sorter = sort_spots(spots, Predictor(), schedule, clock=stopped)
     >>> for decision in sorter:
     ...     for valve, open_s, close_s in decision.due:
     ...         print(f"valve {valve}: {open_s:.4f} to {close_s:.4f} s")
@@ -290,7 +291,9 @@ def sort_pictures(
     >>> mm = np.array([[1.0, 0, 378], [0, 1, -10], [0, 0, 1]])
     >>> measure = MeasureSpots(film[0], Spots(), Calibration(mm, 0.0, 1.0))
     >>> schedule = ValveSchedule(ValveBar(open_s=0.002))
-    >>> sorter = sort_pictures(enumerate(film), measure, Predictor(), schedule)
+    >>> shown = enumerate(film)
+    >>> stopped = lambda: 0.0
+    >>> sorter = sort_pictures(shown, measure, Predictor(), schedule, clock=stopped)
     >>> [[valve for valve, *_ in each.due] for each in sorter if each.due]
     [[16]]
     """
