@@ -314,9 +314,9 @@ _ = panels[0].legend(["equal windows", "by deviations"], loc="lower right")
 
 # %%
 caption = (
-    f"Hits over the air that is used, IA-Ratio, on {called}: equal windows of 0.5 to "
-    "20 ms, and windows of 0.5, 1, 1.5, 2 and 3 standard deviations. Air is the time "
-    "that valves are open, by particle to be blown out."
+    f"Hits over air, IA-Ratio, from pictures of {count} particles each: equal windows "
+    "of 0.5 to 20 ms, and of 0.5 ms with 0.5, 1, 1.5, 2 and 3 deviations to each side. "
+    "Air: time that valves are open, by particle. The table has exact positions, too."
 )
 figures.save(
     "belt-separation-windows",

@@ -153,6 +153,23 @@ def test_spots_in_order_of_time_are_numbered_with_their_gaps():
     np.testing.assert_array_equal(found, kept - kept[0])
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 0.05])
+def test_a_bad_stamp_is_a_lost_frame(bad):
+    shown = places(belt())
+    stamped = [(BELT_FRAME_S * frame, spots) for frame, spots in shown]
+    stamped[100] = (bad, shown[100][1])
+    assert [number for number, _ in numbered(stamped, BELT_FRAME_S)] == [
+        *range(100),
+        -1,
+        *range(101, 260),
+    ]
+    decisions, _, told = sort(numbered(stamped, BELT_FRAME_S))
+    assert len(decisions) == 259
+    assert len(told) == 1
+    usual, _, _ = sort(shown)
+    assert len(predicted(decisions)) == len(predicted(usual))
+
+
 @pytest.mark.parametrize("took_s", [0.0, 0.004, 0.008])
 def test_lateness_is_measured(took_s):
     ticks = iter(np.arange(10**6) * took_s)

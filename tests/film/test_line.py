@@ -131,6 +131,20 @@ def test_the_command_writes_its_tables_and_takes_a_calibration(folder, capsys):
     assert "hit_percent" in capsys.readouterr().out
 
 
+def test_a_calibration_of_another_place_is_refused(folder):
+    (folder / "c.toml").write_bytes(calibration_text(Predictor(target_mm=700.0)))
+    with pytest.raises(InputError, match="700"):
+        run_belt("spots.csv", "to", LINE, "c.toml")
+    assert not (folder / "to").exists()
+
+
+def test_the_summary_counts_the_particles_that_are_judged(found, folder):
+    tables = run_belt("spots.csv", "to", LINE)
+    summary = tables["summary"].set_index("what")["value"]
+    arrived = found[0]["predictions"]["arrived_s"].count()
+    assert summary["of these seen at the valves"] == arrived
+
+
 def test_the_same_run_again_writes_the_same_bytes(folder):
     def content():
         files = sorted(path for path in (folder / "to").rglob("*") if path.is_file())

@@ -33,7 +33,7 @@ from typing import Any, Self
 import numpy as np
 from pandas import DataFrame
 
-from kilnflight.arrays import Anything, Array
+from kilnflight.arrays import Anything, Array, Named
 from kilnflight.checks import (
     InputError,
     NotNegative,
@@ -446,10 +446,6 @@ COMBINATIONS: tuple[tuple[str, ArrivalModel, LateralModel], ...] = (
 )
 
 
-_CV = CV()
-_LATERAL_CV = LateralCV()
-
-
 class Predictor(Settings):
     """Predict arrivals at the valves, from states of tracks.
 
@@ -472,20 +468,20 @@ class Predictor(Settings):
     array([0.6])
     """
 
-    arrival: ArrivalModel = _CV
-    lateral: LateralModel = _LATERAL_CV
+    arrival: ArrivalModel = CV()
+    lateral: LateralModel = LateralCV()
     target_mm: Number = BELT_EDGE_MM
     time_factor: NotNegative = 1.0
     y_factor: NotNegative = 1.0
 
-    def __call__(self, last: Columns) -> dict[str, Anything]:
+    def __call__(self, last: Columns) -> Named:
         """Return when and where particles pass the valves.
 
         Parameters
         ----------
         last
-            Columns of `kilnflight.tables.BELT_LAST`, and `SPREADS` of the filter. Where
-            there is none, each deviation is 1 mm times its factor.
+            Columns of `kilnflight.tables.BELT_LAST`, and `SPREADS` of the filter.
+            Without these the variance of each place is 1 mm^2.
 
         Returns
         -------

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from kilnflight.arrays import Anything, Array, Flags, Picture, Two
+from kilnflight.arrays import Array, Flags, Named, Picture, Two
 from kilnflight.belt.models import Columns, Predictor
 from kilnflight.belt.pictures import MeasureSpots
 from kilnflight.belt.tracker import LEFT, BeltTracker, state_columns
@@ -29,7 +29,7 @@ from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
 T = TypeVar("T")
-Chooses = Callable[[dict[str, Anything]], Flags]
+Chooses = Callable[[Named], Flags]
 Clock = Callable[[], float]  # time in s
 PLACE = slice(2)  # columns x, y of spots
 PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
@@ -132,7 +132,7 @@ class Decision(NamedTuple):
     tracks: Tracks  # tracks after the frame; "row" is that of ``measured``, -1: missed
     # What `Predictor` returns of the particles to be blown out, known from this frame
     # on; "frame" and "row", where each was seen last; "class", -1 without one.
-    predicted: dict[str, Anything]
+    predicted: Named
     due: list[Command]  # until the next frame's decision
     took_s: float  # time from the frame to this decision
     late_s: float  # how much later it came than its commands begin
@@ -308,21 +308,25 @@ def numbered(
     """Yield what has time stamps in s by the number of its frame.
 
     Stamps may jitter by less than half a frame; gaps are gaps. A clock that runs a
-    little faster or slower than ``frame_s`` says is followed.
+    little faster or slower than ``frame_s`` says is followed. A stamp that does not
+    grow, or is not finite, has the number -1: that frame counts as lost.
     """
-    expected = None
     number = -1
     for stamp, content in stamped:
-        if expected is None:
+        if number < 0:
             expected = stamp - frame_s
-        steps = max(1, round((stamp - expected) / frame_s))
+        steps = (stamp - expected) / frame_s
+        if not 0 < steps < np.inf:
+            yield -1, content
+            continue
+        steps = max(1, round(steps))
         number += steps
         expected += steps * frame_s
         expected += FOLLOWED * (stamp - expected)
         yield number, content
 
 
-def _predict(predictor: Predictor, left: Tracks, frame_s: float) -> dict[str, Anything]:
+def _predict(predictor: Predictor, left: Tracks, frame_s: float) -> Named:
     """Return what `Decision.predicted` has of tracks (n,), but for their class."""
     states = state_columns(left)
     seen = {"particle": left["particle"], "time_s": left["last"] * frame_s}

@@ -206,6 +206,11 @@ def predict_line(
                 "velocity, not calibrated",
                 stacklevel=2,
             )
+    if predictor.target_mm != line.valves_mm:
+        raise InputError(
+            f"calibration: its valves are at {predictor.target_mm} mm, the line's at "
+            f"{line.valves_mm}. Give that place, or calibrate."
+        )
     predicted = _sorted(table, predictor, line.tracker(line.until_mm, frame_s))
     of_row = followed.states[followed.states["row"] >= 0].set_index("row")["particle"]
     start = table["frame"].searchsorted(predicted["frame"])
@@ -378,13 +383,14 @@ def _summary(tables: Tables, predictor: Predictor) -> Facts:
     """Return what was found."""
     predictions = tables["predictions"]
     found: Facts = {
-        "tracks": tables["tracks"]["particle"].nunique(),
         "predictions": len(predictions),
+        "of these seen at the valves": predictions["arrived_s"].count(),
         "models": f"{predictor.arrival}, {predictor.lateral}",
     }
     seen = predictions[predictions["calibrates"] == 0]
     for name, true, spread in JUDGED:
         off = (seen[name] - seen[true]).abs()
-        found[f"{name}, half within"] = off.median()
-        found[f"{name}, % in 2 deviations"] = 100.0 * (off < 2 * seen[spread]).mean()
+        found[f"{name}, half within"] = f"{off.median():.3g}"
+        within = (off < 2 * seen[spread]).mean()
+        found[f"{name}, in 2 deviations"] = f"{100 * within:.0f} %"
     return found

@@ -132,8 +132,8 @@ def _largest_turn(
 ) -> float:
     """Return the noise whose gate takes the largest turn; 0 where it is crowded.
 
-    ``between`` is the distance of neighbours in px. Where they are so far apart, the
-    largest change of a step, as of a particle that bounces, is no false link.
+    ``between`` is the distance of neighbours in px. Where they are so far apart, a link
+    with a large change of the step is right: a particle has bounced.
     """
     _, changes = _links(places, starts, flow, between / FAR)
     largest = np.hypot(*changes.T).max(initial=0.0)

@@ -94,7 +94,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kilnflight.arrays import Flags, Texts, Two
+from kilnflight.arrays import Facts, Flags, Texts, Two
 from kilnflight.checks import LARGEST_WHOLE, InputError, check_finite, check_shape
 from kilnflight.recording.frames import (
     Attributes,
@@ -114,7 +114,6 @@ from kilnflight.recording.manifest import (
 )
 from kilnflight.recording.readers import (
     Anything,
-    Facts,
     Layers,
     PictureFiles,
     find_file,

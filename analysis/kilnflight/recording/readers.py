@@ -21,7 +21,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from kilnflight.arrays import Anything, Named, Texts
+from kilnflight.arrays import Anything, Facts, Named, Texts
 from kilnflight.checks import InputError, check_number
 from kilnflight.recording.frames import count_frames
 
@@ -40,7 +40,6 @@ SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 GRAY_16 = 0x10003159  # OpenCV's name of grey values of 16 bits
 ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
-Facts = dict[str, Any]  # attributes by name
 UNITS: Facts = {  # lengths in um and times in s, as ImageJ and OME name them
     "pixel": 0.0,
     "nm": 1e-3,

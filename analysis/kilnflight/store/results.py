@@ -53,7 +53,7 @@ def claimed(target: Path, names: Sequence[str], content: str) -> Iterator[Path]:
             known = _read(owner).split()
             told = ""
             if known[:1] not in ([], [content.encode()]):
-                told = "a run of another film, or of this one before it changed"
+                told = "a run of another input, or of this one before it changed"
             for name in names:
                 path = target / name
                 if path.exists() and _hash(_read(path)) not in known:
@@ -66,7 +66,7 @@ def claimed(target: Path, names: Sequence[str], content: str) -> Iterator[Path]:
             if not known:
                 clear_parts(owner)
                 write_whole(owner, content.encode())
-    finally:  # nothing is left of a film that cannot be read
+    finally:  # nothing is left of an input that cannot be read
         with suppress(OSError):
             folder.rmdir()
             target.rmdir()
