@@ -20,6 +20,8 @@ scale = "standard"  # quick, standard or full; named in the provenance only
 seed = 0  # nothing random happens here
 
 # %% tags=["hide-input"]
+from itertools import chain
+
 import pandas as pd
 
 from kilnflight.publication import choices, figures, verdicts
@@ -39,10 +41,40 @@ from kilnflight.store import index, paths
 # T6 and F6 are ours: inputs of the simulation (notebook 10), and twice the speed of the
 # lance's air.
 
+
+# %%
+def once(names):
+    """Return names in one text, each once."""
+    return " ".join(dict.fromkeys(names))
+
+
+def collect():
+    """Return every choice with its results, in the order of choices.csv.
+
+    To its columns come ``quantity``, ``result_chosen`` and ``result_other``, one entry
+    for each comparison, joined by semicolons; ``verdicts_that_turn``, ids of claims;
+    ``notebook``. They are empty where no notebook compared; notebook 12 shows those on
+    the authors' frames.
+    """
+    names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
+    rows = [
+        each for each in index.rows("choices") if not each["notebook"].startswith("12")
+    ]
+    by_choice = pd.DataFrame(rows, columns=names).groupby("id")
+    results = by_choice.agg(
+        quantity=("quantity", "; ".join),
+        result_chosen=("chosen", "; ".join),
+        result_other=("other", "; ".join),
+        verdicts_that_turn=("turns", lambda turns: once(chain(*turns))),
+        notebook=("notebook", once),
+    )
+    return choices.load().join(results).fillna("").reset_index()
+
+
 # %%
 inputs = [paths.reference() / name for name in ("choices.csv", "claims.csv")]
 origin = figures.trace("01_choices", {"scale": scale}, inputs=inputs, mark="")
-table = choices.collect()
+table = collect()
 table["decided_by"].value_counts().reindex(list(choices.DECIDED_BY))
 
 # %% [markdown]

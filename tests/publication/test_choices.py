@@ -5,10 +5,11 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.publication import choices, claims, figures, verdicts
+from kilnflight.publication import choices, claims, figures, notebooks, verdicts
 from kilnflight.store import paths
 
 MADE = figures.trace("00_claims", {})
+collect = notebooks.borrow("01_choices").collect
 
 
 @pytest.fixture
@@ -60,7 +61,7 @@ def test_a_verdict_that_turns_with_what_nothing_decides_is_open():
     judged = verdicts.collect().set_index("id")
     assert judged.loc["bg-1", ["verdict", "because"]].tolist() == ["reproduced", ""]
     assert judged.loc["bg-2", ["verdict", "because"]].tolist() == ["open", "choice"]
-    table = choices.collect().set_index("id")
+    table = collect().set_index("id")
     assert table.loc["A1", ["result_chosen", "result_other"]].tolist() == [
         "0.9123",
         "-",
@@ -97,7 +98,7 @@ def test_the_authors_data_decide_before_the_simulation():
 
 
 def test_a_choice_without_a_result_is_empty_and_an_unknown_one_is_an_error():
-    assert set(choices.collect()["result_chosen"]) == {""}
+    assert set(collect()["result_chosen"]) == {""}
     with pytest.raises(InputError, match="no choice 'X9'"):
         choices.compare("X9", "F1", chosen=1, other=2)
     with pytest.raises(InputError, match="61 characters"):
@@ -172,4 +173,4 @@ def test_choices_on_the_belt_are_listed_and_those_of_notebook_12_are_not(stem, s
     compared = [choices.compare("A1", "F1", chosen=1, other=2, turns={})]
     origin = figures.trace(stem, {})
     figures.conclude("One.", [], origin, choices=compared, data="authors")
-    assert choices.collect().set_index("id").loc["A1", "result_chosen"] == shown
+    assert collect().set_index("id").loc["A1", "result_chosen"] == shown

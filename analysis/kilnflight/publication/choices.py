@@ -8,7 +8,6 @@ Notebook 01 shows all of them.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import pandas as pd
@@ -17,7 +16,7 @@ from pandas import DataFrame
 from kilnflight.arrays import Facts
 from kilnflight.checks import InputError
 from kilnflight.publication import claims
-from kilnflight.store import index, paths
+from kilnflight.store import paths
 
 # These decide a choice. Sentences and the authors' programs alone are evidence.
 DECIDED_BY = ("text", "tools", "identified", "assumption")
@@ -138,34 +137,3 @@ def opened(
             row = row | {"verdict": claims.OPEN, "because": "choice"}
         rows.append(row)
     return rows
-
-
-def collect() -> DataFrame:
-    """Return every choice with its results, in the order of choices.csv.
-
-    Returns
-    -------
-    DataFrame
-        The columns of choices.csv; ``quantity``, ``result_chosen`` and
-        ``result_other``, one entry for each comparison, joined by semicolons;
-        ``verdicts_that_turn``, ids of claims; ``notebook``. Empty where no notebook
-        compared; notebook 12 shows those on the authors' frames.
-    """
-    names = ["id", "quantity", "chosen", "other", "turns", "notebook"]
-    rows = [
-        each for each in index.rows("choices") if not each["notebook"].startswith("12")
-    ]
-    by_choice = DataFrame(rows, columns=names).groupby("id")
-    results = by_choice.agg(
-        quantity=("quantity", "; ".join),
-        result_chosen=("chosen", "; ".join),
-        result_other=("other", "; ".join),
-        verdicts_that_turn=("turns", lambda turns: _once(chain(*turns))),
-        notebook=("notebook", _once),
-    )
-    return load().join(results).fillna("").reset_index()
-
-
-def _once(names: Iterable[str]) -> str:
-    """Return names in one text, each once."""
-    return " ".join(dict.fromkeys(names))
