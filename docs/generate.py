@@ -60,6 +60,7 @@ CHAPTERS = {
     "Misprints": ("misprint", ("00",), "errata"),
 }
 CAUSES = {"twin": "simulation", "data": "other data", "implementation": "ours differs"}
+SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 COLUMN_MM = 90.0  # a wider picture spans two columns
 # Ids of figures have these between kind and number.
 STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}
@@ -185,7 +186,7 @@ def saved(files: str = "figures", record: Figures | None = None) -> Figures:
         if entry["kind"] == "picture":
             with Image.open(folder / f"{name}.png") as image:
                 inches = image.width / image.info["dpi"][0]
-                each["width"] = round(figures.SCREEN_DPI * inches)
+                each["width"] = round(SCREEN_DPI * inches)
                 each["height"] = round(each["width"] * image.height / image.width)
             each["wide"] = 25.4 * inches > COLUMN_MM
             each["printed"] = re.sub(ABOUT_DATA, ".", entry["caption"])

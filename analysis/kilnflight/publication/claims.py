@@ -19,10 +19,6 @@ REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 OPEN = "open"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, OPEN)
-# A claim is not reproduced because the work's method or statement fails, ours differs,
-# nothing decides a choice, the simulation has another input, the recordings are other
-# ones, or the work has a misprint.
-CAUSES = ("work", "implementation", "choice", "twin", "data", "misprint")
 MOST_MEASURED = 60  # characters
 MOST_REASON = 160
 
@@ -38,9 +34,11 @@ class Verdict:
     verdict
         One of `VERDICTS`.
     because
-        One of `CAUSES` if it is not reproduced; ``"choice"`` if a choice leaves it open
-        (`kilnflight.publication.choices.opened`); else empty, as on the authors' data
-        in place of "twin".
+        Why it is not reproduced: the work's method or statement fails (``"work"``),
+        ours differs (``"implementation"``), nothing decides a choice (``"choice"``, as
+        where it is open, see `kilnflight.publication.choices.opened`), the simulation
+        has another input (``"twin"``; empty on the authors' data), the recordings are
+        other ones (``"data"``), or the work has a misprint (``"misprint"``).
     measured
         Our result, at most `MOST_MEASURED` characters.
     published

@@ -35,7 +35,6 @@ from kilnflight.store import index, paths
 
 PNG_DPI = 300
 DRAFT_DPI = 150  # a reduced run's figures are not to be cited
-SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST = 300_000  # bytes of a picture
 # Shares of the resolution and numbers of colours, tried until a PNG is small enough.
 REDUCTIONS = ((1.0, 256), (0.8, 128), (0.64, 64), (0.5, 64), (0.4, 32))
