@@ -113,8 +113,15 @@ def _checked(values: Series, kind: type, place: str, limit: Facts) -> Any:
 
 
 KINDS = {"whole": int, "number": float, "gaps": GAPS, "text": str, "flag": bool}
+
+
+def read_beside(module: str, name: str, **options: Any) -> Any:
+    """Read a CSV file that lies beside a module, given as ``__file__``."""
+    return pd.read_csv(Path(module).with_name(name), **options)
+
+
 # A row of tables.csv is a column: its table, name, kind, and unit with meaning.
-_COLUMNS: Any = pd.read_csv(Path(__file__).with_name("tables.csv"), index_col="column")
+_COLUMNS = read_beside(__file__, "tables.csv", index_col="column")
 TABLES = {
     name: Table(name, **rows["kind"].map(KINDS))
     for name, rows in _COLUMNS.groupby("table", sort=False)

@@ -12,11 +12,8 @@ So slip ends when the particle rolls or stands on the belt.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 from pandas import DataFrame
 
 from kilnflight.arrays import Array, Generator
@@ -26,6 +23,7 @@ from kilnflight.belt.models import (
     BELT_VELOCITY_MM_S,
     BELT_WIDTH_MM,
 )
+from kilnflight.tables import read_beside
 
 GRAVITY_MM_S2 = 9810.0
 FEED_MM = BELT_START_MM + 2.0  # where the tracks in these files begin
@@ -191,7 +189,7 @@ def _part_along(vectors: Array, axis: Array) -> Array:
 
 # friction.csv has a material a row: its particles in 0.2 kg (section 4), inertia (solid
 # sphere 2/5, solid cylinder about its axis 1/2), and velocities, read off.
-_TABLE: Any = pd.read_csv(Path(__file__).with_name("friction.csv"))
+_TABLE = read_beside(__file__, "friction.csv")
 MATERIALS = {
     row.pop("material"): FrictionBelt(**row) for row in _TABLE.to_dict("records")
 }

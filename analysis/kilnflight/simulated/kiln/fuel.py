@@ -7,13 +7,12 @@ them. fuel.csv has a fraction a row.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from kilnflight.arrays import Flags, Generator, Two
+from kilnflight.tables import read_beside
 
 Range = Two
 _SIZES = ["length_mm", "width_mm", "thickness_mm"]
@@ -55,7 +54,7 @@ class Fraction:
 
 # Sizes of wood are those of Fig. 2.7. A hole punch and a cross-cut shredder make the
 # papers, of office paper. Data sheets have those of LDPE and HDPE granules.
-_TABLE: Any = pd.read_csv(Path(__file__).with_name("fuel.csv"))
+_TABLE = read_beside(__file__, "fuel.csv")
 _TABLE[_SIZES] = _TABLE[_SIZES].map(lambda text: tuple(map(float, text.split())))
 FRACTIONS = {row["name"]: Fraction(**row) for row in _TABLE.to_dict("records")}
 

@@ -2,15 +2,12 @@
 
 import ast
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
-
-import pandas as pd
 
 from kilnflight.simulated.kiln.background import Interior
 from kilnflight.simulated.kiln.geometry import Geometry
 from kilnflight.simulated.kiln.lenses import LensCamera
 from kilnflight.simulated.kiln.light import Optics
+from kilnflight.tables import read_beside
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ class Scene:
 # inputs.csv has inputs that no work prints at other values (notebooks 10, 22, 24 and
 # 32); from thin-flames on those of data/reference/choices.csv. Dark bodies are darker
 # than the inlet plate; thin flames are long, and none is overexposed.
-_OTHERS: Any = pd.read_csv(Path(__file__).with_name("inputs.csv"), index_col="scenario")
+_OTHERS = read_beside(__file__, "inputs.csv", index_col="scenario")
 VARIED = list(_OTHERS.index.unique())
 
 

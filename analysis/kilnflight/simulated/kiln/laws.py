@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from kilnflight.arrays import Array, Flags, Generator, Index, Integers
 from kilnflight.scores.flights import MARKS_M
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.geometry import Geometry
+from kilnflight.tables import read_beside
 
 GRAVITY_M_S2 = 9.81
 ENDS = ("landed", "burnt out", "left the kiln", "still flying")
@@ -98,7 +97,7 @@ class Law:
 # (`kilnflight.experiments.flights.identified`); that of confetti gives RMSE in x and y
 # of Table 5.18. ``ignite`` and ``when`` are printed (sec. 5.3.2); wood and PE never
 # ignite in the air. The rest are assumptions.
-_TABLE: Any = pd.read_csv(Path(__file__).with_name("laws.csv"), keep_default_na=False)
+_TABLE = read_beside(__file__, "laws.csv", keep_default_na=False)
 _TABLE["when"] = [tuple(map(float, text.split())) for text in _TABLE["when"]]
 LAWS = {
     (row.pop("fraction"), row.pop("pressure_bar")): Law(**row)

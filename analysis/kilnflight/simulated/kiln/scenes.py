@@ -10,11 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from kilnflight.arrays import Facts, Index, Pair, Shape
 from kilnflight.checks import InputError
@@ -23,13 +20,14 @@ from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import VARIED, Scene, varied
 from kilnflight.simulated.kiln.light import Optics
 from kilnflight.simulated.kiln.scene import Twin
+from kilnflight.tables import read_beside
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
 FRAMES = 160  # length of a subset
 # labelled.csv has the labelled particles of a class in ten frames of each subset: all
 # (Table 5.2), and those within the region of interest (Table 5.3).
-_LABELS: Any = pd.read_csv(Path(__file__).with_name("labelled.csv"))
+_LABELS = read_beside(__file__, "labelled.csv")
 COUNTS: dict[int, tuple[Shape, ...]] = {
     row.label: (
         tuple(map(int, row.everywhere.split())),
@@ -42,7 +40,7 @@ COUNTS: dict[int, tuple[Shape, ...]] = {
 # need light (secs 2.1.4 and 5.2.3). Windows of Table 5.15: trajectories, frames, and
 # the first frame in the thesis's recordings; a trajectory counts when any part lies in
 # the window. Frames of the recordings at 4.5 and 5 bar (appendix A.1).
-_TABLE: Any = pd.read_csv(Path(__file__).with_name("scenes.csv"), index_col="fraction")
+_TABLE = read_beside(__file__, "scenes.csv", index_col="fraction")
 RECORDED: dict[str, Facts] = _TABLE.to_dict("index")
 LASTING = 15  # frames, as `kilnflight.experiments.flights.track_scores.lasting` has
 DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
