@@ -217,14 +217,14 @@ class Chain(Settings):
     detection: DetectionRun
     exit_point_mm: Vector | None = None
     wall: Cylinder | None = None
-    in_air: InAir = field(default_factory=InAir)
-    tracker: GNN = field(default_factory=GNN)
-    motion: Motion = field(default_factory=ConstantVelocity)
-    management: Management = field(default_factory=Management)
+    in_air: InAir = InAir()
+    tracker: GNN = GNN()
+    motion: Motion = ConstantVelocity()
+    management: Management = Management()
     post_processing: bool = True
-    cutting: Cutting = field(default_factory=Cutting)
-    regression: Regression = field(default_factory=Regression)
-    rules: flight.Rules = field(default_factory=flight.Rules)
+    cutting: Cutting = Cutting()
+    regression: Regression = Regression()
+    rules: flight.Rules = flight.Rules()
 
     @property
     def frames(self) -> range:

@@ -23,7 +23,6 @@ Several keypoints with several clusters are not in the thesis; they are decided 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -259,7 +258,7 @@ class Combination(Settings):
     [[23.0, 33.0, 6000.0, 49.0, 1.0]]
     """
 
-    detector: Detector2D = field(default_factory=DoG)
+    detector: Detector2D = DoG()
     clusterer: Clusterer = PARTICLE_PASS
     wall: Clusterer = WALL_PASS
     rectangular: bool = True

@@ -1,7 +1,6 @@
 """The table of flights: their start, end and dwell time (section 5.3.1)."""
 
 from collections.abc import Mapping
-from dataclasses import field
 from typing import NamedTuple
 
 import cv2
@@ -58,8 +57,8 @@ class Rules(Settings):
         Test of the trajectory. None: no flight is rejected.
     """
 
-    ignition: Ignition | None = field(default_factory=Ignition)
-    plausible: Plausible | None = field(default_factory=Plausible)
+    ignition: Ignition | None = Ignition()
+    plausible: Plausible | None = Plausible()
 
 
 class FieldOfView(NamedTuple):
