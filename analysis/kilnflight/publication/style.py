@@ -9,7 +9,6 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
@@ -24,10 +23,12 @@ PAGE_MM = 180.0  # both columns
 MARK_MM = 3.0  # height of the strip below a picture that holds the word of `mark`
 MM_PER_INCH = 25.4
 
-# Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
-# lightness; with line style and marker they stay apart in grey.
-COLOURS = ("#000000", "#D55E00", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+SHEET = Path(__file__).with_name("kilnflight.mplstyle")
+STYLE: Any = matplotlib.rc_params_from_file(SHEET, use_default_template=False)
+style = partial(matplotlib.rc_context, STYLE)  # draws in the style within a block
+CYCLE = STYLE["axes.prop_cycle"].by_key()
+COLOURS = CYCLE["color"]
+LINES = CYCLE["linestyle"]
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
@@ -36,13 +37,6 @@ LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
 PUBLISHED = LOOKS["published"]
 PUBLISHED_BAR = LOOKS["published_bar"]
 BOXES = LOOKS["boxes"]
-
-SHEET = Path(__file__).with_name("kilnflight.mplstyle")
-STYLE: Any = {
-    **matplotlib.rc_params_from_file(SHEET, use_default_template=False),
-    "axes.prop_cycle": cycler(color=COLOURS, linestyle=LINES),
-}
-style = partial(matplotlib.rc_context, STYLE)  # draws in the style within a block
 
 
 def use_style() -> None:
