@@ -31,19 +31,6 @@ LIMITS: dict[str, Facts] = {
     "z": {"above": 0},
     "points": {"least": 0},
 }
-OURS = ("particle", "frame", "plane", "row", "col")
-PROGRAMS = {  # names of these columns in their tables of tracks
-    "trackpy": "particle frame z y x",
-    "trackmate": "TRACK_ID FRAME POSITION_Z POSITION_Y POSITION_X",
-    "napari": "ID T Z Y X",
-    "btrack": "ID t z y x",
-    "laptrack": "track_id frame z y x",
-    "challenge": "particle t z y x",
-}
-FORMATS = {
-    form: dict(zip(OURS, names.split(), strict=True))
-    for form, names in PROGRAMS.items()
-}
 HIGHEST_ORDER = 6  # order of a regressed trajectory, section 4.3
 
 
@@ -120,6 +107,10 @@ def read_beside(module: str, name: str, **options: Any) -> Any:
     return pd.read_csv(Path(module).with_name(name), **options)
 
 
+# Names of our columns in the tables of tracks of other programs.
+FORMATS: dict[str, Facts] = read_beside(
+    __file__, "formats.csv", index_col="ours"
+).to_dict()
 # A row of tables.csv is a column: its table, name, kind, and unit with meaning.
 _COLUMNS = read_beside(__file__, "tables.csv", index_col="column")
 TABLES = {

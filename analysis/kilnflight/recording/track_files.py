@@ -32,7 +32,7 @@ from pandas import DataFrame
 
 from kilnflight.checks import InputError, check_columns, check_number
 from kilnflight.store.cache import is_device, write_whole
-from kilnflight.tables import FORMATS, PROGRAMS, in_tracks, with_pixels
+from kilnflight.tables import FORMATS, in_tracks, with_pixels
 
 MOST_COLUMNS = 10_000  # more take minutes
 ENDINGS = {"csv": ("", ".csv", ".txt", ".parquet"), "challenge": ("", ".xml")}
@@ -95,7 +95,7 @@ def _read_xml(text: str) -> DataFrame:
     rows = []
     for number, track in enumerate(root.iter("particle")):
         rows += [place.attrib | {"particle": number} for place in track]
-    return DataFrame(rows, columns=PROGRAMS["challenge"].split()).astype(float)
+    return DataFrame(rows, columns=[*FORMATS["challenge"].values()]).astype(float)
 
 
 def _read_boxes(text: str) -> DataFrame:
