@@ -26,33 +26,13 @@ from kilnflight.recording.readers import (
     read_layers,
 )
 
-FACTS = (  # attributes that a manifest states
-    "name",
-    "frame_rate_hz",
-    "um_per_px",
-    "fraction",
-    "pressure_bar",
-    "lance_mm",
-    "roi",
-    "flame_roi",
-    "depth_calibration",
-    "subsets",
-)
-TABLES = ("gray", "coordinates", "labels")
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-FORMS = {
-    "gray": ("grid", "stack"),
-    "coordinates": ("grid", "stack", "points", "indexed", "cloud"),
-    "labels": ("grid", "stack", "masks", "table"),
-}
-OF_GRAY = ("pattern", "key", "form", "numbers", "channel")
-OF_OTHERS = (*OF_GRAY[:-1], "order", "origin", "columns")
-OF_POINTS = (*OF_OTHERS, "y", "z", "index", "focal_length_px", "invalid", "unit")
-KEYS = {
-    "gray": OF_GRAY,
-    "coordinates": OF_POINTS,
-    "labels": (*OF_OTHERS, "classes"),
-}
+# manifest.toml has what a manifest may state.
+_STATED = tomllib.loads(Path(__file__).with_name("manifest.toml").read_text("utf-8"))
+FACTS = _STATED["facts"]
+FORMS = _STATED["forms"]
+KEYS = _STATED["keys"]
+MM_PER_UNIT = _STATED["units"]
+TABLES = tuple(FORMS)
 COLUMNS = {  # of a table of text, by its form
     "points": POINT,
     "cloud": POINT[2:],

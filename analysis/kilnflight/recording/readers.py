@@ -7,6 +7,7 @@ import logging
 import math
 import os
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -40,31 +41,10 @@ SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 GRAY_16 = 0x10003159  # OpenCV's name of grey values of 16 bits
 ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
-UNITS: Facts = {  # lengths in um and times in s, as ImageJ and OME name them
-    "pixel": 0.0,
-    "nm": 1e-3,
-    "um": 1.0,
-    "\u00b5m": 1.0,
-    r"\u00B5m": 1.0,
-    "micron": 1.0,
-    "mm": 1e3,
-    "cm": 1e4,
-    "inch": 25_400.0,
-    "ms": 1e-3,
-    "s": 1.0,
-    "sec": 1.0,
-    "min": 60.0,
-}
-STATED: Facts = {  # fields of OME and ImageJ, and what holds without them
-    "PhysicalSizeX": 0,
-    "PhysicalSizeY": 0,
-    "PhysicalSizeXUnit": "um",
-    "unit": "pixel",
-    "TimeIncrement": 0,
-    "TimeIncrementUnit": "s",
-    "finterval": 0,
-    "tunit": "s",
-}
+# tiff.toml has what ImageJ and OME state: units by name, and fields.
+_TIFF = tomllib.loads(Path(__file__).with_name("tiff.toml").read_text("utf-8"))
+UNITS: Facts = _TIFF["units"]
+STATED: Facts = _TIFF["stated"]
 MOST_COLUMNS = 20_000  # of a text; no camera has more
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Key = str | Texts | None  # variable or data set; several become columns
