@@ -29,11 +29,11 @@ style = partial(matplotlib.rc_context, STYLE)  # draws in the style within a blo
 CYCLE = STYLE["axes.prop_cycle"].by_key()
 COLOURS = CYCLE["color"]
 LINES = CYCLE["linestyle"]
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
 # looks.toml has what figures share, such as the look of what a work prints.
 LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
+MARKERS = LOOKS["markers"]
+HATCHES = LOOKS["hatches"]
 PUBLISHED = LOOKS["published"]
 PUBLISHED_BAR = LOOKS["published_bar"]
 BOXES = LOOKS["boxes"]
@@ -135,9 +135,9 @@ def draw_tracks(axes: Axes, table: DataFrame, colour: str = "") -> None:
     """
     tracks = table.sort_values(["particle", "frame"]).groupby("particle")
     visible = COLOURS[1:]  # black is not seen on a frame
-    markers: tuple[str, ...] = MARKERS
+    markers = MARKERS
     if len(tracks) >= 200:  # they would hide the frame
-        markers = ("",)
+        markers = [""]
     for k, (_, track) in enumerate(tracks):
         axes.plot(
             track["col"],
