@@ -21,7 +21,7 @@ from kilnflight.checks import (
     check_number,
 )
 from kilnflight.compiled import compiled
-from kilnflight.detection.disjoint import find_root
+from kilnflight.detection.disjoint import find_root, unite
 
 NOISE = -1
 # Cells per axis whose numbers fit 63 bits and whose borders stay exact.
@@ -402,7 +402,7 @@ def _connected_cells(cells: _Cells, limit: float) -> Any:
                         if root != its and _touch(
                             cells, lowest, highest, cell, other, limit
                         ):
-                            parents[max(root, its)] = min(root, its)
+                            unite(parents, root, its)
                     other += 1
         for cell in range(len(keys)):
             parents[cell] = find_root(parents, cell)
