@@ -9,7 +9,7 @@ needs the frame differences, some 3 MB a frame.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from kilnflight import flight, regression
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
-from kilnflight.checks import InputError, Number, Settings, check_number
+from kilnflight.checks import Count, InputError, Number, Settings
 from kilnflight.detection.combination import Combination, Planar, View
 from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Smoother
@@ -132,8 +132,7 @@ def detect_frames(
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
-@dataclass(frozen=True)
-class DetectionRun:
+class DetectionRun(Settings):
     """Detection in consecutive frames of a recording, in one cached table per chunk.
 
     Parameters
@@ -154,11 +153,8 @@ class DetectionRun:
     frames: range
     detector: Combination | Planar
     background: BackgroundModel
-    chunk: int
+    chunk: Count
     folder: Path = field(default_factory=lambda: paths.derived().absolute())
-
-    def __post_init__(self) -> None:
-        check_number(self.chunk, "DetectionRun: chunk", least=1, whole=True)
 
     @property
     def chunks(self) -> list[range]:

@@ -7,7 +7,7 @@ captured, before the recording's depth calibration.
 """
 
 from dataclasses import dataclass, field
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from pandas import DataFrame
@@ -235,6 +235,7 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     return frame
 
 
+@runtime_checkable
 class Source(Protocol):
     """A recording by name, opened by each process for itself.
 
