@@ -45,8 +45,9 @@ def test_the_listed_inputs_are_those_of_the_code():
     others = {
         f"{name}.depth_error_mm": error for name, error in scene.depth.particle_error_mm
     }
-    for kind in scenes.COUNTS:
-        others |= {f"labelled {kind}.counts": scenes.COUNTS[kind]}
+    for kind, rows in scenes.COUNTS.groupby("label"):
+        counts = tuple(rows["everywhere"]), tuple(rows["within"])
+        others |= {f"labelled {kind}.counts": counts}
         others |= {f"labelled {kind}.shares": feeding.MIXTURES[kind]}
     papers = scenes.RECORDED["confetti"]
     granules = scenes.RECORDED["PE granule"]

@@ -82,10 +82,9 @@ def test_a_subset_holds_the_printed_labels_in_ten_frames(name):
     for t in LABELLED[1::3]:
         sighted = truth.sightings(twin, t)
         seen = pd.concat([seen, sighted[sighted["visible"]]])
-    k = scenes.SUBSETS.index(name)
-    for kind, (everywhere, _) in scenes.COUNTS.items():
-        count = 10 / 3 * (seen["label"] == kind).sum()  # three of ten frames
-        assert count == pytest.approx(everywhere[k], rel=0.25, abs=20)
+    for row in scenes.COUNTS.loc[name].itertuples():
+        count = 10 / 3 * (seen["label"] == row.label).sum()  # three of ten frames
+        assert count == pytest.approx(row.everywhere, rel=0.25, abs=20)
 
 
 def test_scenes_have_the_published_lengths_and_rates():

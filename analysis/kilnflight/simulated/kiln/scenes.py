@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from kilnflight.arrays import Facts, Index, Pair, Shape
+from kilnflight.arrays import Facts, Index, Pair
 from kilnflight.checks import InputError
 from kilnflight.simulated.kiln.feeding import LEAD_S
 from kilnflight.simulated.kiln.fuel import FRACTIONS
@@ -25,16 +25,9 @@ from kilnflight.tables import read_beside
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
 FRAMES = 160  # length of a subset
-# labelled.csv has the labelled particles of a class in ten frames of each subset: all
+# labelled.csv has the labelled particles of each class in ten frames of a subset: all
 # (Table 5.2), and those within the region of interest (Table 5.3).
-_LABELS = read_beside(__file__, "labelled.csv")
-COUNTS: dict[int, tuple[Shape, ...]] = {
-    row.label: (
-        tuple(map(int, row.everywhere.split())),
-        tuple(map(int, row.within.split())),
-    )
-    for row in _LABELS.itertuples()
-}
+COUNTS = read_beside(__file__, "labelled.csv", index_col="subset")
 
 # scenes.csv has a fraction a row. Frame rate and exposure: small transparent granules
 # need light (secs 2.1.4 and 5.2.3). Windows of Table 5.15: trajectories, frames, and
@@ -48,14 +41,14 @@ DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
     """Return a labelled subset, V1 to V5; its frames 75 to 84 are labelled."""
-    k = SUBSETS.index(name)
-    counts = []
-    for kind, (everywhere, within) in COUNTS.items():
-        counts.append((kind, (within[k], everywhere[k] - within[k])))
+    counts = [
+        (row.label, (row.within, row.everywhere - row.within))
+        for row in COUNTS.loc[name].itertuples()
+    ]
     return Scene(
         name=name,
         frames=FRAMES,
-        seed=1000 * seed + k + 1,
+        seed=1000 * seed + SUBSETS.index(name) + 1,
         labelled=tuple(counts),
         calibration=seed,
     )
