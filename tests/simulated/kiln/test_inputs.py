@@ -48,7 +48,8 @@ def test_the_listed_inputs_are_those_of_the_code():
     for kind, rows in scenes.COUNTS.groupby("label"):
         counts = tuple(rows["everywhere"]), tuple(rows["within"])
         others |= {f"labelled {kind}.counts": counts}
-        others |= {f"labelled {kind}.shares": feeding.MIXTURES[kind]}
+        shares = tuple(feeding.MIXTURES.loc[kind, "share"])
+        others |= {f"labelled {kind}.shares": shares}
     papers = scenes.RECORDED["confetti"]
     granules = scenes.RECORDED["PE granule"]
     others |= {

@@ -8,12 +8,13 @@ of the subsets (Tables 5.2 and 5.3). Handfuls and mixtures are assumptions.
 import numpy as np
 import pandas as pd
 
-from kilnflight.arrays import Flags, Generator, Integers, Numbers, Picture
+from kilnflight.arrays import Flags, Generator, Integers, Picture
 from kilnflight.detection.region import inside
 from kilnflight.simulated.kiln.fuel import FRACTIONS
 from kilnflight.simulated.kiln.inputs import Scene
 from kilnflight.simulated.kiln.laws import LAWS, Flights, fly
 from kilnflight.simulated.kiln.life import Life, Moment
+from kilnflight.tables import read_beside
 
 # Frames of a subset that are labelled; 75 before and after are for the backgrounds
 LABELLED = range(75, 85)
@@ -23,17 +24,8 @@ CANDIDATES = 4000  # particles of each fraction from which a subset is chosen
 BURNING = 2
 UNLIT = 3
 ON_WALL = 4
-# Shares of the fractions in each class of a subset; assumption
-MIXTURES: dict[int, Numbers] = {
-    BURNING: {"paper shred": 0.7, "confetti": 0.3},
-    UNLIT: {"wood chip": 0.2, "PE granule": 0.2, "confetti": 0.35, "paper shred": 0.25},
-    ON_WALL: {
-        "wood chip": 0.35,
-        "PE granule": 0.35,
-        "confetti": 0.15,
-        "paper shred": 0.15,
-    },
-}
+# mixtures.csv has the shares of the fractions in each class of a subset; assumption
+MIXTURES = read_beside(__file__, "mixtures.csv", index_col="label")
 
 
 def feed_campaign(scene: Scene) -> Life:
@@ -78,9 +70,9 @@ def feed_subset(scene: Scene) -> Life:
         for near, count in ((True, inner), (False, outer)):
             there = (labels[middle] == label) & (within[middle] == near)
             owed = 0.0  # labels; the next fraction shows those that one cannot
-            for name, share in MIXTURES[label].items():
-                owed += share * count
-                rows = np.flatnonzero(there & (fraction == name))
+            for part in MIXTURES.loc[label].itertuples():
+                owed += part.share * count
+                rows = np.flatnonzero(there & (fraction == part.fraction))
                 rows = generator.permutation(rows)
                 total = np.append(0, np.cumsum(shown[rows]))
                 taken = np.searchsorted(total[1:], owed)
