@@ -18,7 +18,6 @@ from kilnflight.arrays import Facts, Named, Picture, Shape
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
 from kilnflight.recording.readers import (
-    POINT,
     Anything,
     Key,
     expression,
@@ -31,14 +30,9 @@ _STATED = tomllib.loads(Path(__file__).with_name("manifest.toml").read_text("utf
 FACTS = _STATED["facts"]
 FORMS = _STATED["forms"]
 KEYS = _STATED["keys"]
+COLUMNS = _STATED["columns"]
 MM_PER_UNIT = _STATED["units"]
 TABLES = tuple(FORMS)
-COLUMNS = {  # of a table of text, by its form
-    "points": POINT,
-    "cloud": POINT[2:],
-    "indexed": POINT[2:],
-    "table": ["frame", "row", "col", "class"],
-}
 ORDERS = ("row col", "col row")
 SUBSET = "{subset}"  # stands for the name of a subset in a pattern
 CLASS = "{class}"  # stands for the name of a class in the pattern of masks
