@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import pandas as pd
 from pandas import DataFrame
 from tqdm import tqdm
 
@@ -128,8 +127,9 @@ def detect_frames(
     hidden = None if progress else True  # None: only without a terminal
     bar = tqdm(seen, total=len(frames), unit="frame", disable=hidden)
     first = recording.frame(0).index  # a gap in the numbers is a gap in time
-    parts = [detector(view, roi, frame=view.number - first) for _, view in bar]
-    return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
+    return DETECTIONS.join(
+        detector(view, roi, frame=view.number - first) for _, view in bar
+    )
 
 
 class DetectionRun(Settings):
@@ -182,8 +182,7 @@ class DetectionRun(Settings):
 
     def detections(self) -> DataFrame:
         """Return all detections (`DETECTIONS`); this process makes missing tables."""
-        parts = [self.table(frames)() for frames in self.chunks]
-        return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
+        return DETECTIONS.join(self.table(frames)() for frames in self.chunks)
 
 
 class Chain(Settings):

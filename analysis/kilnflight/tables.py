@@ -7,6 +7,7 @@ their unit in the name. On the belt ``x`` points along the transport direction a
 across it. tables.csv lists the columns of all tables.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,10 @@ class Table:
     def empty(self) -> DataFrame:
         """Return the table without rows, with the right columns and types."""
         return DataFrame(columns=self.names).astype(self.dtypes)
+
+    def join(self, parts: Iterable[DataFrame]) -> DataFrame:
+        """Return tables, one after the other; without any, one without rows."""
+        return pd.concat([self.empty(), *parts], ignore_index=True)
 
     def check(self, table: DataFrame, where: str = "", once: bool = False) -> DataFrame:
         """Return the columns of this table, in order; numbers are int64 or float64.

@@ -131,9 +131,7 @@ def slices(
     for particle, fit in fits.items():
         table = space_sliced_velocity(fit, until_s=ends_s.get(particle, math.inf))
         parts.append(table[table["reached"]].assign(particle=particle))
-    if not parts:
-        return SLICES.empty()
-    return pd.concat(parts, ignore_index=True)[SLICES.names]
+    return SLICES.join(parts)[SLICES.names]
 
 
 def reaching(sliced: DataFrame, counted: int) -> DataFrame:

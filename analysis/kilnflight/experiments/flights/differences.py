@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from kilnflight import chain
 from kilnflight.arrays import Gray
@@ -54,10 +54,10 @@ class StoredDifferences:
             self.table.path.unlink(missing_ok=True)
         self.table()
 
-    def _detect(self) -> pd.DataFrame:
+    def _detect(self) -> DataFrame:
         """Return the detections of all frames, and write the foregrounds."""
         recording = self.source.recording()
-        parts = [DETECTIONS.empty()]
+        parts = []
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
@@ -68,7 +68,7 @@ class StoredDifferences:
 
         clear_parts(self.path)
         make_whole(self.path, write)
-        return pd.concat(parts, ignore_index=True)
+        return DETECTIONS.join(parts)
 
     def __getitem__(self, box: tuple[slice, slice, slice]) -> Gray:
         """Return the foregrounds (frames, rows, cols) in a box.
