@@ -43,6 +43,10 @@ from kilnflight.store import index, paths
 
 
 # %%
+# These decide a choice. Sentences and the authors' programs alone are evidence.
+DECIDED_BY = ("text", "tools", "identified", "assumption")
+
+
 def once(names):
     """Return names in one text, each once."""
     return " ".join(dict.fromkeys(names))
@@ -75,7 +79,7 @@ def collect():
 inputs = [paths.reference() / name for name in ("choices.csv", "claims.csv")]
 origin = figures.trace("01_choices", {"scale": scale}, inputs=inputs, mark="")
 table = collect()
-table["decided_by"].value_counts().reindex(list(choices.DECIDED_BY))
+table["decided_by"].value_counts().reindex(list(DECIDED_BY))
 
 # %% [markdown]
 # ## All choices

@@ -41,15 +41,6 @@ from kilnflight.tracklets import Cutting, postprocess, tracked
 CHUNK_FRAMES = 500  # each chunk reads the median's window, 150 frames, again
 # Tables after the detections.
 CHAIN_STEPS = ("tracks", "trajectories", "flights", "slices")
-TRACKED_BY = (
-    "wall",
-    "in_air",
-    "tracker",
-    "motion",
-    "management",
-    "post_processing",
-    "cutting",
-)
 Vector = tuple[Number, Number, Number]  # x, y, z in mm
 
 
@@ -248,7 +239,16 @@ class Chain(Settings):
         table: CachedTable = getattr(self, what)
         return table
 
-    @cached("detected", *TRACKED_BY)
+    @cached(
+        "detected",
+        "wall",
+        "in_air",
+        "tracker",
+        "motion",
+        "management",
+        "post_processing",
+        "cutting",
+    )
     def tracks(self) -> DataFrame:
         """Tracks of the detections in the air, post-processed and split.
 

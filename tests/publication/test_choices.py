@@ -9,7 +9,8 @@ from kilnflight.publication import choices, claims, figures, notebooks, verdicts
 from kilnflight.store import paths
 
 MADE = figures.trace("00_claims", {})
-collect = notebooks.borrow("01_choices").collect
+chapter = notebooks.borrow("01_choices")
+collect = chapter.collect
 
 
 @pytest.fixture
@@ -111,7 +112,7 @@ def test_a_choice_without_a_result_is_empty_and_an_unknown_one_is_an_error():
 def test_every_choice_says_what_decides_it_and_which_claims_it_touches():
     table, known = choices.load(), claims.load()
     assert table.index.is_unique
-    assert set(table["decided_by"]) <= set(choices.DECIDED_BY)
+    assert set(table["decided_by"]) <= set(chapter.DECIDED_BY)
     filled = table[["where", "not_printed", "chosen", "others", "evidence"]]
     assert (filled != "").all(axis=None)
     touched = {claim for names in table["claims_touched"] for claim in names.split()}

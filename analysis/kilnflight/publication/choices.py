@@ -18,8 +18,7 @@ from kilnflight.checks import InputError
 from kilnflight.publication import claims
 from kilnflight.store import paths
 
-# These decide a choice. Sentences and the authors' programs alone are evidence.
-DECIDED_BY = ("text", "tools", "identified", "assumption")
+# Neither text nor tools decide these choices.
 UNDECIDED = ("identified", "assumption")
 
 
