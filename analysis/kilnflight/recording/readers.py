@@ -29,22 +29,16 @@ from kilnflight.recording.frames import count_frames
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", *TIFFS)
-POINT = ["row", "col", "x", "y", "z"]
-# Columns of text tables by name; a header may hold more, in any order.
-NAMED = (
-    POINT,
-    ["frame", "row", "col", "class"],
-    ["row", "col", "class"],
-    ["x", "y", "z"],
-)
-SAME = {"u": "col", "v": "row", "x_px": "col", "y_px": "row", "column": "col"}
 TEXTS = (".csv", ".txt", ".dat", ".asc")
 GRAY_16 = 0x10003159  # OpenCV's name of grey values of 16 bits
 ROUNDED_S = 6e-4  # some films state the time of a frame in whole ms
-# tiff.toml has what ImageJ and OME state: units by name, and fields.
-_TIFF = tomllib.loads(Path(__file__).with_name("tiff.toml").read_text("utf-8"))
-UNITS: Facts = _TIFF["units"]
-STATED: Facts = _TIFF["stated"]
+# readers.toml has names of columns, and what ImageJ and OME state of a TIFF.
+_KNOWN = tomllib.loads(Path(__file__).with_name("readers.toml").read_text("utf-8"))
+POINT: list[str] = _KNOWN["point"]
+NAMED = (POINT, *_KNOWN["named"])
+SAME = _KNOWN["same"]
+UNITS = _KNOWN["units"]
+STATED = _KNOWN["stated"]
 MOST_COLUMNS = 20_000  # of a text; no camera has more
 MOST_PX = 200_000_000  # no camera has more; a small file may state more
 Key = str | Texts | None  # variable or data set; several become columns
