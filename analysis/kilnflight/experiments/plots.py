@@ -67,10 +67,7 @@ def draw_grouped_boxes(
                 str(len(values)),
                 (x, 0.01),
                 xycoords=axes.get_xaxis_transform(),
-                fontsize=5.5,
-                ha="center",
-                va="bottom",
-                color="0.3",
+                **LOOKS["count"],
             )
     end = len(labels) - 0.45
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, end))

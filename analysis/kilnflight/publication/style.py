@@ -91,9 +91,7 @@ def mark(picture: Figure, word: str) -> Figure:
         for legend in picture.legends:
             if getattr(legend, "_outside_loc", None) == "lower":  # it keeps its place
                 legend.borderaxespad += points / legend.prop.get_size_in_points()
-    picture.text(
-        0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35"
-    )
+    picture.text(0.99, 0.2 * strip, word, **LOOKS["kind"])
     return picture
 
 
@@ -177,7 +175,7 @@ def draw_boxes(axes: Axes, summary: DataFrame) -> None:
     axes.margins(y=0.12)
     for i, box in enumerate(boxes):
         height = f"{box['q3'] - box['q1']:.2g}"
-        axes.text(i, box["whishi"], height, fontsize=6, ha="center", va="bottom")
+        axes.text(i, box["whishi"], height, **LOOKS["height"])
 
 
 def words(name: str) -> str:
