@@ -15,7 +15,7 @@ from kilnflight.belt.pictures import MeasureSpots, Spots
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
-from kilnflight.tables import VALVE_EVENTS
+from kilnflight.tables import TABLES
 
 # One pixel per mm; the belt's first corner is pixel (10, 10).
 CALIBRATION = Calibration(
@@ -61,7 +61,7 @@ def run(numbered, models=MODELS, bar=BAR, **settings):
 
 def joined(commands):
     """Commands of consecutive steps as whole windows, in the order of opening."""
-    names = VALVE_EVENTS.names
+    names = TABLES["valve events"].names
     parts = pd.DataFrame([each for step in commands for each in step], columns=names)
     parts = parts.sort_values(["valve", "open_s"])
     before = parts.shift()
@@ -116,7 +116,8 @@ def test_lost_frames_are_no_misses_and_no_arrival_lies_before_the_last_observati
 
 def test_particles_that_left_in_a_long_gap_open_no_valve_afterwards():
     frames = [*((k, picture(*way(k))) for k in range(20)), (20_000, BACKGROUND)]
-    decisions, schedule = run([*frames, (20_001, BACKGROUND)])
+    with pytest.warns(UserWarning, match="over before"):
+        decisions, schedule = run([*frames, (20_001, BACKGROUND)])
     assert len(decisions[-2].predicted["y"]) == 1
     assert schedule.never == 1
     assert not decisions[-2].due

@@ -14,8 +14,9 @@ from kilnflight.belt.models import (
     LateralCV,
     Predictor,
     Ratio,
+    Straight,
 )
-from kilnflight.belt.online import ValveSchedule, numbered, sort_spots
+from kilnflight.belt.online import Numbered, ValveSchedule, sort_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
@@ -149,36 +150,117 @@ def test_spots_in_order_of_time_are_numbered_with_their_gaps():
     kept = np.flatnonzero(rng.random(3000) > 0.1)
     kept = kept[kept != 0]
     stamps = 5.0 + 0.0010004 * kept + rng.uniform(-0.3e-3, 0.3e-3, len(kept))
-    found = [number for number, _ in numbered(zip(stamps, kept, strict=True), 0.001)]
+    found = [number for number, _ in Numbered(zip(stamps, kept, strict=True), 0.001)]
     np.testing.assert_array_equal(found, kept - kept[0])
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 0.05])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 0.05, 1e6, None, "100"])
 def test_a_bad_stamp_is_a_lost_frame(bad):
     shown = places(belt())
     stamped = [(BELT_FRAME_S * frame, spots) for frame, spots in shown]
     stamped[100] = (bad, shown[100][1])
-    assert [number for number, _ in numbered(stamped, BELT_FRAME_S)] == [
+    assert [number for number, _ in Numbered(stamped, BELT_FRAME_S)] == [
         *range(100),
         -1,
         *range(101, 260),
     ]
-    decisions, _, told = sort(numbered(stamped, BELT_FRAME_S))
+    decisions, _, told = sort(Numbered(stamped, BELT_FRAME_S))
     assert len(decisions) == 259
     assert len(told) == 1
     usual, _, _ = sort(shown)
     assert len(predicted(decisions)) == len(predicted(usual))
 
 
-@pytest.mark.parametrize("took_s", [0.0, 0.004, 0.008])
+def test_a_pause_longer_than_a_second_is_a_gap():
+    stamps = [0.0, 0.005, 5.0, 5.005, 5.010]
+    found = [number for number, _ in Numbered(zip(stamps, stamps, strict=True), 0.005)]
+    assert found == [0, 1, -1, 1001, 1002]  # the first after it is not believed
+
+
+def test_a_clock_that_starts_again_ends_the_sorter():
+    shown = places(belt())
+    stamped = [(BELT_FRAME_S * (frame % 140), spots) for frame, spots in shown]
+    with pytest.raises(InputError, match="number of the frame"):
+        sort(Numbered(stamped, BELT_FRAME_S))
+
+
+@pytest.mark.parametrize("rate", [1.0, 1.0002, 0.9998])
+def test_commands_are_in_the_time_of_a_clock_that_runs_fast_or_slow(rate):
+    """Shifted by ``start_s``, windows open when the camera's clock says so."""
+    shown = places(belt(frames=2000, count=700))
+    rng = np.random.default_rng(0)
+    jitter = rng.uniform(-5e-4, 5e-4, len(shown))
+    stamps = 70.0 + BELT_FRAME_S * rate * np.arange(len(shown)) + jitter
+    frames = Numbered(zip(stamps, places_of(shown), strict=True), BELT_FRAME_S)
+    schedule = ValveSchedule(BAR)
+    off = []
+    for decision in sort_spots(
+        frames, Predictor(), schedule, TRACKER, clock=lambda: 0.0
+    ):
+        if decision.frame > 100:
+            true_s = 70.0 + BELT_FRAME_S * rate * decision.frame
+            off.append(frames.start_s + BELT_FRAME_S * decision.frame - true_s)
+    assert np.abs(off).max() < 5e-4
+    assert np.abs(np.mean(off)) < 5e-5
+
+
+def places_of(shown):
+    return [spots for _, spots in shown]
+
+
+def test_parts_that_do_not_fit_one_another_are_refused():
+    shown = places(belt())
+    with pytest.raises(InputError, match="belt_mm"):
+        sort(shown, bar=ValveBar(belt_mm=90.0))
+    stamped = [(0.01 * frame, spots) for frame, spots in shown]
+    with pytest.raises(InputError, match="frame_s"):
+        sort(Numbered(stamped, 0.01))
+
+
+def test_windows_that_are_over_are_told_once():
+    _, schedule, told = sort(places(belt()), bar=ValveBar(latency_s=10.0))
+    assert schedule.never > 40
+    assert len(told) == 1
+    assert "latency" in told[0]
+
+
+def test_particles_without_a_class_have_none():
+    shown = [
+        (frame, np.column_stack([spots[:, :2], np.full(len(spots), np.nan)]))
+        for frame, spots in belt()
+    ]
+    decisions, _, told = sort(shown)
+    assert set(predicted(decisions)["class"]) == {-1}
+    assert told == []
+    with pytest.raises(InputError, match="whole"):
+        sort([(0, [[400.0, 90.0, 0.5]])])
+
+
+@pytest.mark.parametrize(
+    "chooses",
+    [
+        lambda seen: None,
+        lambda seen: [True],
+        lambda seen: "all",
+        lambda seen: seen["time_s"],
+        lambda seen: ["no"] * len(seen["time_s"]),
+    ],
+)
+def test_a_choice_that_is_not_one_of_each_particle_is_refused(chooses):
+    with pytest.raises(InputError, match="chooses"):
+        sort(places(belt()), chooses=chooses)
+
+
+@pytest.mark.parametrize("took_s", [0.0, 0.002, 0.004])
 def test_lateness_is_measured(took_s):
+    """A decision takes one tick of the clock, what its user does with it another."""
     ticks = iter(np.arange(10**6) * took_s)
     decisions, schedule, _ = sort(places(belt()), clock=lambda: next(ticks))
     late = np.array([each.late_s for each in decisions])
     np.testing.assert_allclose([each.took_s for each in decisions], took_s)
-    queue = np.maximum(np.arange(1, len(late) + 1) * (took_s - BELT_FRAME_S), 0.0)
-    np.testing.assert_allclose(late, queue, atol=1e-9)
-    if took_s > BELT_FRAME_S:
+    behind = np.arange(len(late)) * (2 * took_s - BELT_FRAME_S) + took_s - BELT_FRAME_S
+    np.testing.assert_allclose(late, behind.clip(0.0), atol=1e-9)
+    if 2 * took_s > BELT_FRAME_S:
         assert schedule.never > 20
         for each in decisions:
             now_s = (each.frame + 1) * BELT_FRAME_S + each.late_s
@@ -209,47 +291,37 @@ def test_the_first_frame_has_to_be_usable():
         sort([(0, np.zeros((3, 5)))])
 
 
-def spoiled(case):
+def swerving(frame, spots):
+    return spots + np.array([0, 4.0 * (frame // 25 % 2)])
+
+
+SPOILED = {
+    "metres": (lambda _, spots: spots / 1000, "no mm"),
+    "swapped": (lambda _, spots: spots[:, ::-1], "swapped"),
+    "outside": (lambda _, spots: spots + np.array([1000, 0]), "lie in the tracked"),
+    "centred": (lambda _, spots: spots - np.array([0, 90]), "y not from 0"),
+    "twice": (lambda _, spots: np.repeat(spots, 2, axis=0), "twice"),
+    "not finite": (lambda _, spots: np.vstack([spots, [np.nan, 5]]), "not finite"),
+    "stiff": (swerving, "lost"),  # and the filter does not allow for it
+}
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_wrong_places_are_said_once(case):
+    change, word = SPOILED[case]
     shown = places(belt(frames=400, count=160))
-    tracker = TRACKER
-    if case == "metres":
-        shown = [(frame, spots / 1000) for frame, spots in shown]
-    if case == "swapped":
-        shown = [(frame, spots[:, ::-1]) for frame, spots in shown]
-    if case == "outside":
-        shown = [(frame, spots + np.array([1000, 0])) for frame, spots in shown]
-    if case == "too fast":
-        tracker = replace(TRACKER, frame_s=BELT_FRAME_S / 5)
-    if case == "too slow":
-        tracker = replace(TRACKER, frame_s=5 * BELT_FRAME_S)
-    if case == "twice":
-        shown = [(frame, np.repeat(spots, 2, axis=0)) for frame, spots in shown]
-    if case == "not finite":
-        shown = [(frame, np.vstack([spots, [np.nan, 5]])) for frame, spots in shown]
-    if case == "stiff":  # they swerve, and the filter does not allow for it
-        tracker = BeltTracker(constant_velocity(SPREAD_MM, 100.0))
-        shown = [
-            (frame, spots + np.array([0, 4.0 * (frame // 25 % 2)]))
-            for frame, spots in shown
-        ]
-    return shown, tracker
+    shown = [(frame, change(frame, spots)) for frame, spots in shown]
+    stiff = BeltTracker(constant_velocity(SPREAD_MM, 100.0))
+    said_once(shown, stiff if case == "stiff" else TRACKER, word)
 
 
-@pytest.mark.parametrize(
-    ("case", "word"),
-    [
-        ("metres", "no mm"),
-        ("swapped", "swapped"),
-        ("outside", "lies in the tracked"),
-        ("too fast", "frame interval"),
-        ("too slow", "frame interval"),
-        ("twice", "twice"),
-        ("not finite", "not finite"),
-        ("stiff", "lost"),
-    ],
-)
-def test_what_is_wrong_is_said_once(case, word):
-    shown, tracker = spoiled(case)
+@pytest.mark.parametrize("factor", [0.2, 0.5, 2.0, 5.0])
+def test_a_wrong_frame_interval_is_said_once(factor):
+    tracker = replace(TRACKER, frame_s=factor * BELT_FRAME_S)
+    said_once(places(belt(frames=400, count=160)), tracker, "frame interval")
+
+
+def said_once(shown, tracker, word):
     decisions, _, told = sort(shown, tracker=tracker)
     assert len(decisions) == len(shown)
     assert len([each for each in told if word in each]) == 1
@@ -259,6 +331,21 @@ def test_what_is_wrong_is_said_once(case, word):
 def test_a_good_line_is_not_warned_of():
     _, _, told = sort(places(belt(frames=400, count=160)))
     assert told == []
+
+
+@pytest.mark.parametrize(
+    ("late_s", "told"), [(0.0, 0), (0.0004, 0), (0.004, 1), (0.03, 1)]
+)
+def test_a_calibration_that_drifts_is_told(late_s, told):
+    """The camera sees the valves; the calibration is off by a constant."""
+
+    class Late(CV):
+        def _duration(self, distance, velocity, acceleration):
+            return super()._duration(distance, velocity, acceleration) - late_s
+
+    shown = places(belt(frames=500, count=200))
+    _, _, said = sort(shown, Predictor(Late(), Straight()))
+    assert len([each for each in said if "calibrate again" in each]) == told
 
 
 def test_doubled_particles_change_nothing():

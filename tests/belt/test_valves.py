@@ -38,11 +38,10 @@ def separate(bar, chosen, predicted, true):
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([1, 5, 18, 64]),
-    st.sampled_from([None, 3.0, 25.0]),
     st.sampled_from([1e-6, 0.004, 0.02]),
 )
-def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
-    bar = ValveBar(valves=valves, valve_mm=width, open_s=open_s)
+def test_hits_are_those_of_the_definition(seed, valves, open_s):
+    bar = ValveBar(valves=valves, open_s=open_s)
     chosen, predicted, true = world(seed)
     predicted[0][::7], predicted[1][3::7] = np.nan, np.nan
     separation = separate(bar, chosen, predicted, true)
@@ -99,7 +98,6 @@ def test_commands_come_a_latency_before_the_window_and_near_windows_are_merged()
         {"valves": 1.5},
         {"valves": 10**9},
         {"belt_mm": 0.0},
-        {"valve_mm": 0.0},
         {"open_s": 0.0},
         {"open_s": -0.001},
         {"open_s": np.nan},

@@ -87,7 +87,7 @@ def whole_matrix(costs, unobserved, new):
 def valve_hits(bar, chosen, predicted, true):
     """Return which particles are hit: every valve against every particle."""
     pitch = bar.belt_mm / bar.valves
-    width = pitch if bar.valve_mm is None else bar.valve_mm
+    width = pitch
     hit = np.zeros(len(chosen), dtype=bool)
     for i in np.flatnonzero(chosen & np.isfinite(predicted).all(axis=0)):
         valve = min(

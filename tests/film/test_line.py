@@ -1,11 +1,14 @@
 """The command belt: from a table of particles to predictions, deviations and hits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight.__main__ import main
 from kilnflight.belt.models import CV, IA, LateralCV, Predictor, Ratio
+from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
 from kilnflight.film.line import (
     Line,
@@ -47,10 +50,45 @@ def test_nearly_all_particles_are_predicted_and_hit(found):
     assert len(predictions) == pytest.approx(2 * PARTICLES, abs=4)
     assert isinstance(predictor.arrival, IA)
     assert (predictions["calibrates"] == 1).sum() == 40
-    hits = tables["hits"].set_index("window_ms")
+    hits = tables["hits"].groupby("window_ms").mean()
     assert hits["hit_percent"][0.0] > 90
     assert hits["hit_percent"][0.0] > hits["hit_percent"][10.0]
     assert hits["air_ms"][0.0] < hits["air_ms"][10.0]
+
+
+def test_hits_are_counted_by_class():
+    """Definition: class 1 is blown out, class 0 hit by chance."""
+    tables, _ = predict_line(SPOTS, replace(LINE, windows_ms=(50.0,)))
+    predictions = tables["predictions"]
+    blown = predictions[predictions["class"] == 1]
+    bar = ValveBar(open_s=0.05)
+    events = bar.events(blown.rename(columns={"y_mm": "y"}))
+    seen = predictions[predictions["calibrates"] == 0]
+    arrived = seen[["arrived_s", "arrived_y_mm"]].to_numpy().T
+    hit = pd.Series(bar.hits(events, *arrived))
+    share = 100 * hit.groupby(seen["class"].to_numpy()).mean()
+    hits = tables["hits"].set_index(["class", "window_ms"]).loc[(1, 50.0)]
+    assert hits["hit_percent"] == pytest.approx(share[1])
+    assert hits["wrong_percent"] == pytest.approx(share[0])
+    assert 0 < share[0] < 50
+
+
+def test_all_are_blown_out_where_there_are_no_classes():
+    tables, _ = predict_line(SPOTS.drop(columns="class"), LINE)
+    hits = tables["hits"]
+    assert hits["class"].tolist() == [-1] * 4
+    assert hits["wrong_percent"].isna().all()
+    assert hits["hit_percent"][0] > 90
+
+
+def test_more_valves_blow_less_air_beside():
+    """Windows by deviations: as many valves as the place is uncertain, and wide."""
+    few, many = (
+        predict_line(SPOTS, replace(LINE, valves=valves))[0]["hits"]
+        for valves in (8, 64)
+    )
+    assert (few["hit_percent"][0], few["wrong_percent"][0]) > (90, 0)
+    assert many["wrong_percent"][0] < few["wrong_percent"][0]
 
 
 def test_arrivals_are_the_true_ones(found):

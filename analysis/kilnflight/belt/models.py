@@ -533,5 +533,7 @@ class Predictor(Settings):
         factors = []
         for column, deviation in (("time_s", "time_sd_s"), ("y", "y_sd_mm")):
             off = (known[column] - np.asarray(arrival[column])) / known[deviation]
-            factors.append(float(np.nanquantile(np.abs(off), 0.95) / OF_95_PERCENT))
+            # Of n + 1 equal parts, so that 95 % of other particles are expected within.
+            most = np.nanquantile(np.abs(off), 0.95, method="weibull")
+            factors.append(float(most / OF_95_PERCENT))
         return replace(fitted, time_factor=factors[0], y_factor=factors[1])

@@ -13,8 +13,9 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from numbers import Real
 from operator import itemgetter
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,8 +24,14 @@ from kilnflight.belt.models import Columns, Predictor
 from kilnflight.belt.pictures import MeasureSpots
 from kilnflight.belt.tracker import LEFT, BeltTracker, state_columns
 from kilnflight.belt.valves import ValveBar
-from kilnflight.belt.watch import Watch
-from kilnflight.checks import InputError, check_number, real_numbers
+from kilnflight.belt.watch import ENOUGH, Watch
+from kilnflight.checks import (
+    InputError,
+    check_flags,
+    check_number,
+    check_shape,
+    real_numbers,
+)
 from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
@@ -33,7 +40,9 @@ Chooses = Callable[[Named], Flags]
 Clock = Callable[[], float]  # time in s
 PLACE = slice(2)  # columns x, y of spots
 PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
-FOLLOWED = 0.05  # share of a stamp's jitter that `numbered` takes for drift; choice
+NUMBER = "number of the frame (-1: no usable time stamp)"
+FOLLOWED = 0.05  # share of a stamp's jitter that `Numbered` takes for drift; choice
+LONGEST_S = 1.0  # gap that `Numbered` takes for one without a second look; choice
 _TRACKER = BeltTracker()
 
 
@@ -146,6 +155,9 @@ def read_spots(spots: Any, frame: int) -> Array:
         return np.zeros((0, 2))
     if found.ndim != 2 or found.shape[1] not in (2, 3):
         raise InputError(f"{where}: shape {found.shape}. Give x, y and a class.")
+    found[:, 2:] = np.nan_to_num(found[:, 2:], nan=-1.0)
+    if (found[:, 2:] % 1 != 0).any():
+        raise InputError(f"{where}: a class is no whole number.")
     return found
 
 
@@ -163,13 +175,15 @@ def sort_spots(
 
     A decision may take the time of one frame: that of frame k is made when frame k + 1
     comes, and `Decision.due` covers the time from then to frame k + 2. If it takes
-    longer, its commands begin when it is made, and so do those of frames that wait.
+    longer, its commands begin when it is made, and so do those of frames that wait. The
+    time until the next decision is asked for counts, too.
 
     Parameters
     ----------
     spots
         Number of a frame and its particles (m, 2), x and y in mm, or (m, 3) with a
-        class, a whole number; by ascending number. `numbered` counts time stamps.
+        class, a whole number, -1 or NaN: none; by ascending number. `Numbered` counts
+        time stamps.
         Frames that are lost count neither as seen nor as missed; a particle that left
         in such a gap is predicted from where it was last seen.
     predictor
@@ -199,7 +213,9 @@ def sort_spots(
     Raises
     ------
     InputError
-        If the first frame cannot be used, or the valves are in view.
+        If the first frame, or `ENOUGH` in a row, cannot be used, if ``chooses`` does
+        not return a flag for each particle, if the valves are in view, or the parts do
+        not fit one another: width of belt and bar, time between frames.
 
     Examples
     --------
@@ -219,25 +235,14 @@ def sort_spots(
     # waits; None, which never waits, would end it.
     waiting = deque[Detected]()
     steps = tracker.follow(iter(waiting.popleft, None))
-    watch = Watch(tracker, predictor)
+    watch = Watch(tracker, predictor, schedule.bar)
     frame_s = tracker.frame_s
-    previous = -1
     done_s = -np.inf
     last = np.zeros(0, np.void)
-    for frame, content in spots:
-        begun_s = clock()
-        try:
-            check_number(frame, "number of the frame", above=previous, whole=True)
-            measured = measure(content, frame)
-        except InputError as error:
-            if previous < 0:
-                raise
-            watch.tell("unusable", f"{error} It counts as a lost frame.")
-            continue
+    for frame, measured, gap, begun_s in _usable(spots, measure, watch, clock):
         rows = np.arange(len(measured))
-        detected = tracker.detections(frame, measured[:, place], rows, frame - previous)
+        detected = tracker.detections(frame, measured[:, place], rows, gap)
         waiting.append(detected)
-        previous = frame
         tracks = next(steps).tracks
         last = _last_measured(tracks, last)
         reasons = tracker.reasons(tracks)
@@ -247,9 +252,9 @@ def sort_spots(
             detected, measured, place, tracks, reasons, predicted
         )
         if chooses is not None:
-            kept = chooses(predicted)
-            predicted = {name: each[kept] for name, each in predicted.items()}
-        took_s = clock() - begun_s
+            predicted = _chosen(predicted, chooses)
+        decided_s = clock()
+        took_s = decided_s - begun_s
         done_s = max(done_s, frame * frame_s) + took_s
         due_s = (frame + 1) * frame_s
         now_s = max(done_s, due_s)
@@ -262,6 +267,49 @@ def sort_spots(
             took_s=took_s,
             late_s=now_s - due_s,
         )
+        done_s += clock() - decided_s
+        if schedule.never:
+            watch.tell(
+                "never",
+                f"frame {frame}: a window was over before it could open. See late_s, "
+                "or the latency of the bar; ValveSchedule.never counts them.",
+            )
+
+
+def _chosen(predicted: Named, chooses: Chooses) -> Named:
+    """Return the columns of the particles that ``chooses`` takes."""
+    kept = np.asarray(chooses(predicted))
+    check_shape(kept, predicted["class"].shape, "chooses")
+    check_flags("chooses", *kept)
+    return {name: each[kept.astype(bool)] for name, each in predicted.items()}
+
+
+def _usable(
+    spots: Iterable[tuple[int, T]],
+    measure: Callable[[T, int], Array],
+    watch: Watch,
+    clock: Clock,
+) -> Iterator[tuple[int, Array, int, float]]:
+    """Yield number, particles, frames since the one before, and when it came."""
+    frame_s = watch.tracker.frame_s
+    if getattr(spots, "frame_s", frame_s) != frame_s:
+        raise InputError(f"spots: frame_s is not {frame_s}, that of the tracker.")
+    previous = -1
+    lost = 0
+    for frame, content in spots:
+        begun_s = clock()
+        try:
+            check_number(frame, NUMBER, above=previous, whole=True)
+            measured = measure(content, frame)
+        except InputError as error:
+            lost += 1
+            if previous < 0 or lost == ENOUGH:
+                raise
+            watch.tell("unusable", f"{error} It counts as a lost frame.")
+            continue
+        yield frame, measured, frame - previous, begun_s
+        previous = frame
+        lost = 0
 
 
 def sort_pictures(
@@ -302,28 +350,49 @@ def sort_pictures(
     )
 
 
-def numbered(
-    stamped: Iterable[tuple[float, T]], frame_s: float
-) -> Iterator[tuple[int, T]]:
-    """Yield what has time stamps in s by the number of its frame.
+@dataclass
+class Numbered(Generic[T]):
+    """Give what has time stamps the number of its frame.
 
     Stamps may jitter by less than half a frame; gaps are gaps. A clock that runs a
-    little faster or slower than ``frame_s`` says is followed. A stamp that does not
-    grow, or is not finite, has the number -1: that frame counts as lost.
+    little faster or slower than ``frame_s`` says is followed. A stamp that is no
+    number, or does not grow, has the number -1: that frame counts as lost. So has one
+    more than `LONGEST_S` ahead, unless it is as near to the one before.
+
+    Parameters
+    ----------
+    stamped
+        Pairs of a time stamp in s and something else.
+    frame_s
+        Time in s between two frames.
+    start_s
+        Time of frame 0 by the clock of the stamps, as it runs at the latest frame. It
+        is to be added to the times of commands.
     """
-    number = -1
-    for stamp, content in stamped:
-        if number < 0:
-            expected = stamp - frame_s
-        steps = (stamp - expected) / frame_s
-        if not 0 < steps < np.inf:
-            yield -1, content
-            continue
-        steps = max(1, round(steps))
-        number += steps
-        expected += steps * frame_s
-        expected += FOLLOWED * (stamp - expected)
-        yield number, content
+
+    stamped: Iterable[tuple[Any, T]]
+    frame_s: float
+    start_s: float = np.nan
+
+    def __iter__(self) -> Iterator[tuple[int, T]]:
+        """Yield number and content of each frame."""
+        number = -1
+        before = np.nan
+        for seen, (stamp, content) in enumerate(self.stamped, 1):
+            if not isinstance(stamp, Real):
+                stamp = np.nan
+            if number < 0:
+                self.start_s = stamp
+            ahead = stamp - self.start_s - number * self.frame_s
+            follows = ahead < LONGEST_S or 0 < stamp - before < LONGEST_S
+            before = stamp
+            if not (ahead > 0 and follows):
+                yield -1, content
+                continue
+            number += max(1, round(ahead / self.frame_s))
+            off = stamp - self.start_s - number * self.frame_s
+            self.start_s += max(FOLLOWED, 1.0 / seen) * off
+            yield number, content
 
 
 def _predict(predictor: Predictor, left: Tracks, frame_s: float) -> Named:

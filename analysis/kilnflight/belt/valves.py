@@ -56,11 +56,10 @@ class ValveBar(Settings):
     Parameters
     ----------
     valves
-        Their number; 32 have a pitch of 5.6 mm, about one particle. Not printed.
+        Their number; 32 have a pitch of 5.6 mm, about one particle. Not printed. Jets
+        have no gap and no overlap.
     belt_mm
         Width of the belt, and of the bar (2020, section 3).
-    valve_mm
-        Width of a jet. None: the pitch, no gap and no overlap.
     open_s
         Time that a valve is open; not printed, as are the next.
     latency_s
@@ -88,7 +87,6 @@ class ValveBar(Settings):
 
     valves: Annotated[int, Range(least=1, most=10_000)] = 32
     belt_mm: Positive = BELT_WIDTH_MM
-    valve_mm: Positive | None = None
     open_s: Positive = 0.005
     latency_s: NotNegative = 0.0
     delay_s: Number = 0.0
@@ -99,11 +97,6 @@ class ValveBar(Settings):
     def pitch_mm(self) -> float:
         """The distance from one valve to the next."""
         return self.belt_mm / self.valves
-
-    @property
-    def width_mm(self) -> float:
-        """The width of a jet: as set, else the pitch."""
-        return self.pitch_mm if self.valve_mm is None else self.valve_mm
 
     @property
     def middles_mm(self) -> Array:
@@ -177,7 +170,7 @@ class ValveBar(Settings):
         hit = np.zeros(len(time_s), bool)
         valve, opens, closes = events
         for number, middle in enumerate(self.middles_mm):
-            near = np.flatnonzero(np.abs(y - middle) <= self.width_mm / 2)
+            near = np.flatnonzero(np.abs(y - middle) <= self.pitch_mm / 2)
             own = valve == number
             # The first event is one that nothing meets.
             closing = np.append(-np.inf, closes[own] + self.latency_s)

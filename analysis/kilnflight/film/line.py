@@ -10,6 +10,7 @@ compare with, and predictions are those of a saved calibration or of constant ve
 import tomllib
 import warnings
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from kilnflight.belt.online import ValveSchedule, sort_spots
 from kilnflight.belt.tracker import Appearance, BeltTracker, constant_velocity
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import (
+    Count,
     InputError,
     Number,
     Positive,
@@ -58,7 +60,6 @@ JUDGED = [
     ("time_s", "arrived_s", "time_sd_s"),
     ("y_mm", "arrived_y_mm", "y_sd_mm"),
 ]
-PREDICTED = ["particle", "time_s", "y", "time_sd_s", "y_sd_mm", "class"]
 CALIBRATING = 40  # particles: 37 to 44 in the 2020 paper, section 5
 WRITTEN = (
     "tracks.parquet",
@@ -89,8 +90,12 @@ class Line(Settings):
         Frames per second; None: as the time stamps say.
     spread_mm
         Standard deviation of a measured place.
+    acceleration_mm_s2
+        How fast velocities change: `kilnflight.belt.tracker.constant_velocity`.
     windows_ms
         Times that a valve is open.
+    valves
+        Their number over the width.
     """
 
     start_mm: Number = BELT_START_MM
@@ -101,20 +106,22 @@ class Line(Settings):
     mm_per_px: Positive = 1.0
     rate_hz: Positive | None = None
     spread_mm: Positive = 0.127
+    acceleration_mm_s2: Positive = 5000.0
     windows_ms: tuple[Positive, ...] = (2.0, 5.0, 10.0)
+    valves: Count = 32
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.start_mm < self.until_mm < self.valves_mm:
             raise InputError(f"Line: start, until, valves must ascend: {self}.")
-        if not self.windows_ms:
-            raise InputError("Line: windows_ms: give one at least.")
 
     def tracker(self, end_mm: float, frame_s: float) -> BeltTracker:
         """Return the tracker of the belt up to x = ``end_mm``."""
         area = Area(self.start_mm, end_mm, self.width_mm)
         appearance = Appearance(area, entry_mm=self.belt_mm_s * frame_s)
-        motion = constant_velocity(self.spread_mm, belt_mm_s=self.belt_mm_s)
+        motion = constant_velocity(
+            self.spread_mm, self.acceleration_mm_s2, self.belt_mm_s
+        )
         return BeltTracker(motion, appearance, frame_s)
 
     def measured(self, spots: DataFrame) -> tuple[DataFrame, float, float]:
@@ -134,7 +141,7 @@ class Line(Settings):
             frame only. Particles without a place are left out.
         """
         clock = "frame" if self.rate_hz else "time_s"
-        check_columns(spots, [clock, "x", "y"], "spots")
+        check_columns(spots, [clock, "x", "y"], "spots (frame: with rate_hz)")
         stamps = check_finite(spots[clock], f"spots: column {clock}")
         rate_hz = self.rate_hz or 1.0
         frames, _ = count_frames(stamps)
@@ -146,7 +153,9 @@ class Line(Settings):
         for name in ("x", "y", "class"):
             table[name] = check_finite(spots[name], f"spots: {name}", gaps=True)
         table[["x", "y"]] *= self.mm_per_px
-        kept = table.dropna().drop_duplicates(["frame", "x", "y"])
+        kept = (
+            table.fillna({"class": -1.0}).dropna().drop_duplicates(["frame", "x", "y"])
+        )
         if len(kept) < len(table):
             warnings.warn(
                 f"{len(table) - len(kept)} of {len(table)} particles have no place, or "
@@ -182,8 +191,9 @@ def predict_line(
         ``tracks``: `kilnflight.tables.BELT_STATES` of the whole belt. ``predictions``:
         particle, time_s, y_mm, time_sd_s, y_sd_mm, class, as a sorter knows them;
         arrived_s, arrived_y_mm, as the camera saw them; calibrates, 1 or 0. ``hits``:
-        window_ms (0: by two standard deviations), hit_percent of those that did not
-        calibrate, and air_ms for each; all are blown out. And the models.
+        class that is blown out, window_ms (0: by two standard deviations), particles of
+        that class that arrive and do not calibrate, hit_percent of them, wrong_percent
+        of those of other classes; air_ms for each that is blown out. And the models.
 
     Warns
     -----
@@ -218,7 +228,8 @@ def predict_line(
     arrival = arrival.rename(columns={"time_s": "arrived_s", "y": "arrived_y_mm"})
     arrived = arrival.assign(calibrates=first.astype(int))
     arrived = arrived.drop(columns="velocity_y_mm_s")
-    predictions = predicted[PREDICTED].merge(arrived, "left", "particle")
+    columns = ["particle", "time_s", "y", "time_sd_s", "y_sd_mm", "class"]
+    predictions = predicted[columns].merge(arrived, "left", "particle")
     predictions[["time_s", "arrived_s"]] += start_s
     tables = {
         "tracks": followed.states,
@@ -232,7 +243,9 @@ def _sorted(table: DataFrame, predictor: Predictor, tracker: BeltTracker) -> Dat
     """Return what a sorter predicts that gets a table frame by frame."""
     rows: Any = table.groupby("frame")[["x", "y", "class"]]
     frames = ((number, places.to_numpy(float)) for number, places in rows)
-    sorter = sort_spots(frames, predictor, ValveSchedule(ValveBar()), tracker)
+    bar = ValveBar(belt_mm=tracker.appearance.area.width_mm)
+    # As a clock, float stands still: it returns 0.0.
+    sorter = sort_spots(frames, predictor, ValveSchedule(bar), tracker, clock=float)
     predicted = pd.concat([DataFrame(each.predicted) for each in sorter])
     if predicted.empty:
         raise InputError(
@@ -268,21 +281,26 @@ def _observed(
 
 
 def _hits(predicted: DataFrame, line: Line) -> DataFrame:
-    """Return the share that is hit and the air used, by window; all are blown out."""
+    """Return the shares that are hit and the air used, by class and window."""
     judged = predicted["calibrates"] == 0
+    bar = ValveBar(line.valves, line.width_mm)
+    bars = {ms: replace(bar, open_s=ms / 1000.0) for ms in line.windows_ms}
+    bars = {0.0: replace(bar, open_s=SIZE_S, deviations=2.0)} | bars
+    kinds = sorted(set(predicted["class"]))
+    arrived = predicted[["arrived_s", "arrived_y_mm"]].to_numpy().T
     rows = []
-    for window_ms in (0.0, *line.windows_ms):
-        bar = ValveBar(belt_mm=line.width_mm, open_s=SIZE_S, deviations=2.0)
-        if window_ms:
-            bar = ValveBar(belt_mm=line.width_mm, open_s=window_ms / 1000.0)
-        events = bar.events(predicted)
-        arrived = predicted[["arrived_s", "arrived_y_mm"]].to_numpy().T
-        hit = Series(bar.hits(events, *arrived))
+    for kind, (window_ms, each) in product(kinds, bars.items()):
+        chosen = predicted["class"] == kind
+        events = each.events(predicted[chosen])
+        hit = Series(each.hits(events, *arrived))
         rows.append(
             {
+                "class": kind,
                 "window_ms": window_ms,
-                "hit_percent": 100.0 * hit[judged].mean(),
-                "air_ms": 1000.0 * (events[2] - events[1]).sum() / len(predicted),
+                "particles": (judged & chosen).sum(),
+                "hit_percent": 100.0 * hit[judged & chosen].mean(),
+                "wrong_percent": 100.0 * hit[judged & ~chosen].mean(),
+                "air_ms": 1000.0 * (events[2] - events[1]).sum() / chosen.sum(),
             }
         )
     return DataFrame(rows)
@@ -310,7 +328,7 @@ def read_calibration(path: Path | str) -> Predictor:
         return Predictor(**given)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{path}: no calibration ({error}). Write it again."
+            f"{path}: no calibration ({error}). Calibrate again."
         ) from error
 
 
