@@ -237,7 +237,7 @@ def sort_spots(
     steps = tracker.follow(iter(waiting.popleft, None))
     watch = Watch(tracker, predictor, schedule.bar)
     frame_s = tracker.frame_s
-    done_s = -np.inf
+    done_s = 0.0
     last = np.zeros(0, np.void)
     for frame, measured, gap, begun_s in _usable(spots, measure, watch, clock):
         rows = np.arange(len(measured))

@@ -112,8 +112,10 @@ class Line(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.start_mm < self.until_mm < self.valves_mm:
-            raise InputError(f"Line: start, until, valves must ascend: {self}.")
+        if not (self.start_mm < self.until_mm < self.valves_mm and self.windows_ms):
+            raise InputError(
+                f"start, until, valves must ascend, with a window at least: {self}."
+            )
 
     def tracker(self, end_mm: float, frame_s: float) -> BeltTracker:
         """Return the tracker of the belt up to x = ``end_mm``."""
@@ -228,8 +230,9 @@ def predict_line(
     arrival = arrival.rename(columns={"time_s": "arrived_s", "y": "arrived_y_mm"})
     arrived = arrival.assign(calibrates=first.astype(int))
     arrived = arrived.drop(columns="velocity_y_mm_s")
-    columns = ["particle", "time_s", "y", "time_sd_s", "y_sd_mm", "class"]
-    predictions = predicted[columns].merge(arrived, "left", "particle")
+    predictions = predicted[
+        ["particle", "time_s", "y", "time_sd_s", "y_sd_mm", "class"]
+    ].merge(arrived, "left", "particle")
     predictions[["time_s", "arrived_s"]] += start_s
     tables = {
         "tracks": followed.states,
