@@ -26,7 +26,6 @@ from kilnflight.detection.disjoint import find_root, unite
 NOISE = -1
 # Cells per axis whose numbers fit 63 bits and whose borders stay exact.
 _LARGEST = 2_000_000
-_BITS = 13  # bits of a key that one pass of the radix sort takes
 _REACH = 2  # cells between points that are within eps
 _ROWS = 25  # rows of cells within `_REACH`, 5 x 5
 _ADJACENT_ROWS = 9  # the first of them: a cell's own row and those that touch it
@@ -181,7 +180,9 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     along = ((high - low) / side).astype(np.int64) + 1 + _REACH
     row = along[2]
     layer = along[1] * along[2]
-    keys, order = _radix_sort(_number(points, low, side, layer, row), layer * along[0])
+    keys = _number(points, low, side, layer, row)
+    order = np.argsort(keys, kind="stable")
+    keys = keys.take(order)
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
     steps = np.add.outer(around * layer, around * row).ravel()
@@ -209,33 +210,6 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
         y = np.int64((points[i, 1] - low[1]) / side)
         keys[i] = x * layer + y * row + np.int64((points[i, 2] - low[2]) / side)
     return keys
-
-
-@compiled
-def _radix_sort(keys: Any, bound: int) -> Any:
-    """Return keys (n,) in [0, bound] sorted, and their stable order (n,), int64.
-
-    Compiled: `numpy.argsort` compares 64-bit keys instead of counting their digits.
-    """
-    order = np.arange(len(keys))
-    other_order = np.empty_like(order)
-    other_keys = np.empty_like(keys)
-    shift = 0
-    mask = (1 << _BITS) - 1
-    while bound >> shift:
-        places = np.zeros(mask + 2, np.int64)
-        for i in range(len(keys)):
-            places[((keys[i] >> shift) & mask) + 1] += 1
-        places = np.cumsum(places)
-        for i in range(len(keys)):
-            digit = (keys[i] >> shift) & mask
-            place = places[digit]
-            places[digit] = places[digit] + 1
-            other_keys[place] = keys[i]
-            other_order[place] = order[i]
-        keys, other_keys, order, other_order = other_keys, keys, other_order, order
-        shift += _BITS
-    return keys, order
 
 
 @compiled
