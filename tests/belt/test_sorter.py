@@ -232,8 +232,12 @@ def test_particles_without_a_class_have_none():
     decisions, _, told = sort(shown)
     assert set(predicted(decisions)["class"]) == {-1}
     assert told == []
+
+
+@pytest.mark.parametrize("kind", [0.5, np.inf, -np.inf, 1e20])
+def test_a_class_that_is_no_whole_number_is_refused(kind):
     with pytest.raises(InputError, match="whole"):
-        sort([(0, [[400.0, 90.0, 0.5]])])
+        sort([(0, [[400.0, 90.0, kind]])])
 
 
 @pytest.mark.parametrize(
@@ -318,7 +322,8 @@ def test_wrong_places_are_said_once(case):
 @pytest.mark.parametrize("factor", [0.2, 0.5, 2.0, 5.0])
 def test_a_wrong_frame_interval_is_said_once(factor):
     tracker = replace(TRACKER, frame_s=factor * BELT_FRAME_S)
-    said_once(places(belt(frames=400, count=160)), tracker, "frame interval")
+    told = said_once(places(belt(frames=400, count=160)), tracker, "frame interval")
+    assert len(told) == 1
 
 
 def said_once(shown, tracker, word):
@@ -326,6 +331,7 @@ def said_once(shown, tracker, word):
     assert len(decisions) == len(shown)
     assert len([each for each in told if word in each]) == 1
     assert len(told) == len(set(told))
+    return told
 
 
 def test_a_good_line_is_not_warned_of():
@@ -346,6 +352,13 @@ def test_a_calibration_that_drifts_is_told(late_s, told):
     shown = places(belt(frames=500, count=200))
     _, _, said = sort(shown, Predictor(Late(), Straight()))
     assert len([each for each in said if "calibrate again" in each]) == told
+
+
+def test_models_that_predict_no_arrival_are_told_of():
+    _, _, said = sort(
+        places(belt(frames=500, count=200)), Predictor(IA(-1e9), LateralCV())
+    )
+    assert len([each for each in said if "calibrate again" in each]) == 1
 
 
 def test_doubled_particles_change_nothing():

@@ -81,6 +81,15 @@ def test_all_are_blown_out_where_there_are_no_classes():
     assert hits["hit_percent"][0] > 90
 
 
+@pytest.mark.parametrize("none", [np.nan, None, pd.NA, -1])
+def test_particles_without_a_class_are_kept(none):
+    some = SPOTS.astype({"class": object})
+    some.loc[::9, "class"] = none
+    tables, _ = predict_line(some, LINE)
+    assert len(tables["predictions"]) == pytest.approx(2 * PARTICLES, abs=4)
+    assert set(tables["predictions"]["class"]) == {0, 1}
+
+
 def test_more_valves_blow_less_air_beside():
     """Windows by deviations: as many valves as the place is uncertain, and wide."""
     few, many = (
@@ -228,6 +237,7 @@ WRONG = {
     "empty": SPOTS[:0],
     "one frame": SPOTS[SPOTS["time_s"] == SPOTS["time_s"].median()],
     "classes of text": SPOTS.assign(**{"class": "wheat"}),
+    "half a class": SPOTS.assign(**{"class": SPOTS["class"] + (SPOTS.index == 7) / 2}),
 }
 
 

@@ -26,6 +26,7 @@ from kilnflight.belt.tracker import LEFT, BeltTracker, state_columns
 from kilnflight.belt.valves import ValveBar
 from kilnflight.belt.watch import ENOUGH, Watch
 from kilnflight.checks import (
+    LARGEST_WHOLE,
     InputError,
     check_flags,
     check_number,
@@ -40,7 +41,7 @@ Chooses = Callable[[Named], Flags]
 Clock = Callable[[], float]  # time in s
 PLACE = slice(2)  # columns x, y of spots
 PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
-NUMBER = "number of the frame (-1: no usable time stamp)"
+NUMBER = "number of the frame (-1: a time stamp in s that does not follow the last)"
 FOLLOWED = 0.05  # share of a stamp's jitter that `Numbered` takes for drift; choice
 LONGEST_S = 1.0  # gap that `Numbered` takes for one without a second look; choice
 _TRACKER = BeltTracker()
@@ -155,9 +156,10 @@ def read_spots(spots: Any, frame: int) -> Array:
         return np.zeros((0, 2))
     if found.ndim != 2 or found.shape[1] not in (2, 3):
         raise InputError(f"{where}: shape {found.shape}. Give x, y and a class.")
-    found[:, 2:] = np.nan_to_num(found[:, 2:], nan=-1.0)
-    if (found[:, 2:] % 1 != 0).any():
+    kinds = np.where(np.isnan(found[:, 2:]), -1.0, found[:, 2:])
+    if (kinds % 1 != 0).any() or (np.abs(kinds) > LARGEST_WHOLE).any():
         raise InputError(f"{where}: a class is no whole number.")
+    found[:, 2:] = kinds
     return found
 
 
@@ -354,7 +356,7 @@ def sort_pictures(
 class Numbered(Generic[T]):
     """Give what has time stamps the number of its frame.
 
-    Stamps may jitter by less than half a frame; gaps are gaps. A clock that runs a
+    Stamps may jitter by 0.4 of a frame; gaps are gaps. A clock that runs a
     little faster or slower than ``frame_s`` says is followed. A stamp that is no
     number, or does not grow, has the number -1: that frame counts as lost. So has one
     more than `LONGEST_S` ahead, unless it is as near to the one before.

@@ -19,8 +19,10 @@ from kilnflight.tracking.filter import Detected
 from kilnflight.tracking.tracker import Tracks
 
 ENOUGH = 100  # tracks that have ended, before their share says something
+PLACES = 1000  # measured, before their share says something: some 20 particles
 LATEST = 40  # particles whose median says something: as many as calibrate
 MOST_LOST = 0.05  # share of lost tracks
+INTERVAL = "interval"  # that is wrong, or the unit: nothing else can be judged
 DIRT = "dirt"  # tracks that end before they are taken for particles
 SLOWEST, FASTEST = 0.5, 1.1  # velocities of particles, in that of the belt
 TOLERATED_S = 0.0005  # drift that no valve feels: half of what a particle takes to pass
@@ -74,8 +76,8 @@ class Watch:
             )
 
     def tell(self, what: str, text: str) -> None:
-        """Warn of something, the first time."""
-        if what not in self._told:
+        """Warn of something, the first time; of nothing after a wrong interval."""
+        if self._told.isdisjoint((what, INTERVAL)):
             self._told.add(what)
             warnings.warn(text, stacklevel=4)
 
@@ -131,12 +133,12 @@ class Watch:
             told = f"frame {detected.frame}: a particle is there twice, or not finite"
             self.tell("unusable particle", f"{told}. These are always left out.")
         few = MOST_LOST * self._measured
-        if self._measured >= ENOUGH and (self._inside < few or self._beside > few):
+        if self._measured >= PLACES and (self._inside < few or self._beside > few):
             low = places.min(axis=0, initial=np.inf)
             high = places.max(axis=0, initial=-np.inf)
             self.tell(
                 "outside",
-                f"of {self._measured} particles {self._inside} lie in the tracked "
+                f"of {self._measured} places {self._inside} lie in the tracked "
                 f"{area}, {self._beside} beside it; x is {low[0]:g} to {high[0]:g}, y "
                 f"{low[1]:g} to {high[1]:g}: no mm, y not from 0, or x and y swapped?",
             )
@@ -150,7 +152,7 @@ class Watch:
         lost = self._ends[LOST] + self._ends[SIDEWAYS]
         if dirt + valid >= ENOUGH and dirt > valid:
             self.tell(
-                "interval",
+                INTERVAL,
                 f"{dirt} of {dirt + valid} tracks end before they are taken for "
                 "particles: is the frame interval wrong, the unit, or the belt's "
                 "velocity?",
@@ -170,7 +172,7 @@ class Watch:
         velocity = np.median(self._velocities)
         if not SLOWEST * belt < velocity < FASTEST * belt:
             self.tell(
-                "interval",
+                INTERVAL,
                 f"particles move at {velocity:.0f} mm/s, the belt at {belt:.0f}: is "
                 "the frame interval wrong, or the unit?",
             )
@@ -185,7 +187,10 @@ class Watch:
         until_s = now_s + self.tracker.frame_s
         self._coming = [each for each in coming if each[0] >= until_s]
         for time_s, y, velocity, late_sd, y_sd in coming:
-            if not time_s < until_s:
+            if time_s >= until_s:
+                continue
+            if np.isnan(time_s):  # the models predict no arrival
+                self._late.append((np.inf, 0.0))
                 continue
             x = self.predictor.target_mm - velocity * (time_s - now_s)
             apart = places - (x, y)

@@ -45,6 +45,7 @@ from kilnflight.checks import (
     check_columns,
     check_finite,
     check_number,
+    check_whole,
 )
 from kilnflight.film.pictures import png
 from kilnflight.film.report import Printed
@@ -152,12 +153,11 @@ class Line(Settings):
         last = table["frame"].max()
         check_number(last, "spots: frames after the first", least=1)
         spots = DataFrame({"class": -1}, spots.index).assign(**spots)
-        for name in ("x", "y", "class"):
+        table["class"] = check_whole(spots["class"].fillna(-1), "spots: class")
+        for name in ("x", "y"):
             table[name] = check_finite(spots[name], f"spots: {name}", gaps=True)
         table[["x", "y"]] *= self.mm_per_px
-        kept = (
-            table.fillna({"class": -1.0}).dropna().drop_duplicates(["frame", "x", "y"])
-        )
+        kept = table.dropna().drop_duplicates(["frame", "x", "y"])
         if len(kept) < len(table):
             warnings.warn(
                 f"{len(table) - len(kept)} of {len(table)} particles have no place, or "
