@@ -8,7 +8,7 @@ are in mm.
 """
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any, Self
 
 import numpy as np
@@ -94,8 +94,11 @@ class DepthCalibration(Settings):
         """Return the true depth of each captured depth in mm, in its shape."""
         depth = check_finite(captured_mm, "captured depth")
         index = self.segment(depth)
-        pieces = [np.polyval(np.array(powers), depth) for powers in self.coefficients]
-        return np.select([index == piece for piece in range(len(pieces))], pieces)
+        lowest_first = (powers[::-1] for powers in self.coefficients)
+        true = np.zeros_like(depth)
+        for powers in reversed([*zip_longest(*lowest_first, fillvalue=0.0)]):
+            true = true * depth + np.take(powers, index)
+        return true
 
     def jumps(self) -> Array:
         """Return right minus left limit at each breakpoint, (n,) in mm."""

@@ -65,25 +65,26 @@ def views(
     for t, neighbour, foreground in zip(frames, neighbours, foregrounds, strict=True):
         previous = buffer.take(neighbour).gray
         frame = buffer.take(t)
-        view = View(
-            gray=frame.gray,
-            previous=previous,
-            foreground=foreground,
-            pixels=frame.pixels,
-            xyz=calibrate_points(frame.xyz, attributes.depth_calibration),
-            smooth=smooth,
-            number=frame.index,
-        )
+        pixels = frame.pixels
+        xyz = frame.xyz
         if attributes.flame_roi is not None:
             flame = flame_mask(frame.gray, attributes.flame_roi)
             foreground[flame] = 0  # each model returns a new array
-            places = view.pixels[:, 0] * flame.shape[1] + view.pixels[:, 1]
-            kept = ~flame.take(places)
-            view = view._replace(
-                pixels=view.pixels.compress(kept, axis=0),
-                xyz=view.xyz.compress(kept, axis=0),
-            )
-        yield t, view
+            kept = ~flame.take(pixels[:, 0] * flame.shape[1] + pixels[:, 1])
+            pixels = pixels.compress(kept, axis=0)
+            xyz = xyz.compress(kept, axis=0)
+        yield (
+            t,
+            View(
+                gray=frame.gray,
+                previous=previous,
+                foreground=foreground,
+                pixels=pixels,
+                xyz=calibrate_points(xyz, attributes.depth_calibration),
+                smooth=smooth,
+                number=frame.index,
+            ),
+        )
 
 
 def detect_frames(

@@ -319,6 +319,9 @@ class Combination(Settings):
         DataFrame
             `kilnflight.tables.DETECTIONS`.
         """
+        # Remainders of the wall have most points, and each has a pixel of its own.
+        many = np.bincount(labels + 1) > LARGEST_PX**2
+        labels = np.where(many[labels + 1], -1, labels)
         clusters = sort_clusters(view.pixels, view.xyz, labels)
         keypoints = no_larger(keypoints, self.largest_px)
         small = widths(clusters) <= LARGEST_PX
