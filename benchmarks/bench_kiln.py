@@ -104,9 +104,36 @@ def window(recording: Held) -> np.ndarray:
     return np.stack([recording.gray(t) for t in around if t != SHOWN])
 
 
+def bytes_per_s() -> float:
+    """Return how many bytes a copy of large arrays reads and writes in a second."""
+    source = np.ones(2**25)
+    target = np.zeros_like(source)
+    return 2 * source.nbytes / seconds(lambda: np.copyto(target, source))
+
+
+def touched(view: View, keypoints: np.ndarray, labels: np.ndarray) -> dict[str, int]:
+    """Return the bytes that each step has to read and to write, each once.
+
+    Pictures are read whole, but for the evidence: it needs their pixels near clusters
+    and keypoints, which are no more than the points in clusters.
+    """
+    points = view.xyz.nbytes + view.pixels.nbytes
+    clustered = np.count_nonzero(labels >= 0)
+    return {
+        "background": view.gray.nbytes + view.foreground.nbytes,
+        "calibration, flame": 2 * points,
+        "DoG": view.foreground.nbytes + keypoints.nbytes,
+        "clustering": view.xyz.nbytes + labels.nbytes,
+        "smoothing": view.gray.nbytes + view.foreground.nbytes,
+        "evidence, cases": 2 * 4 * clustered + keypoints.nbytes,
+    }
+
+
 def steps() -> pd.DataFrame:
-    """Return the share of each step in a frame's time in percent, ours and the
-    peer's.
+    """Return time and limit of each step in ms, and its share in percent.
+
+    The limit is the time in which memory gives what a step reads, and takes what it
+    writes. Shares are those of a frame, ours and the peer's.
     """
     recording = held()
     detector = Combination(DoG(THRESHOLD))
@@ -136,7 +163,11 @@ def steps() -> pd.DataFrame:
     _, view = next(chain.views(recording, [SHOWN]))
     peer = {step: seconds(call) for step, call in assembly(recording, view).items()}
     table = pd.DataFrame({"ours_percent": spent, "peer_percent": peer}, index=STEPS)
-    return (100 * table / table.sum()).round(1).rename_axis("step").reset_index()
+    table = 100 * table / table.sum()
+    table.insert(0, "ours_ms", 1000 * pd.Series(spent) / len(WANTED))
+    most = touched(view, keypoints, labels)
+    table.insert(1, "limit_ms", 1000 * pd.Series(most) / bytes_per_s())
+    return table.round(1).rename_axis("step").reset_index()
 
 
 def rows() -> list[Row]:

@@ -38,8 +38,8 @@ def main() -> None:
     table = pd.DataFrame(rows, columns=Row._fields)
     figures.save("benchmarks", table, caption=caption, provenance=origin)
     caption = (
-        "Share of each step in the time of combined detection, ours and the peer's, "
-        "one core."
+        "Time of each step of combined detection, the limit that memory sets, and its "
+        "share of a frame, ours and the peer's, one core."
     )
     figures.save("cost-by-step", bench_kiln.steps(), caption=caption, provenance=origin)
     caption = (
