@@ -153,10 +153,11 @@ def _imports(text: str) -> set[Path]:
 
 
 def _module(name: str) -> set[Path]:
-    """Return the file of a module of this package by dotted name, and its table."""
+    """Return the file of a module of this package by dotted name, and tables beside."""
     package, *parts = name.split(".")
     base = PACKAGE.joinpath(*parts)
-    files = {base / "__init__.py", *map(base.with_suffix, (".py", ".csv"))}
+    tables = Path(PACKAGE, *parts[:-1]).glob("*.csv")
+    files = {base / "__init__.py", base.with_suffix(".py"), *tables}
     return {file for file in files if package == PACKAGE.name and file.is_file()}
 
 
