@@ -142,7 +142,7 @@ def test_counts_at_several_thresholds_are_told_and_doubted():
     pictures, _ = moving(25, 1.8, 60.0, 2.0)
     (told,) = rows_of(pictures)["spots"]
     half, once, twice, four, *inverted = map(int, re.findall(r"\d+", told))
-    assert half >= once == twice == four == 5 * 25
+    assert half >= once == twice == four == preparation.LOOKS * 25
     assert sorted(inverted, reverse=True) == inverted
     assert inverted[1] < once / 10
     strength = 60.0 * 0.113  # of the difference of Gaussians, twice the size

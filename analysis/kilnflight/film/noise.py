@@ -95,7 +95,7 @@ def noise_threshold(
     Notes
     -----
     The thesis tunes its threshold on labelled frames; without labels only noise is
-    known. The finest difference of Gaussians is measured in five frames, in small
+    known. The finest difference of Gaussians is measured in some frames, in small
     blocks. The median of its absolute value, times 1.4826, is the standard deviation
     of Gaussian noise; particles cover too little of a block to change it. Noise grows
     with light, so the 90 % quantile over blocks counts, and the median over frames.
