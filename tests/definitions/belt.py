@@ -87,13 +87,12 @@ def whole_matrix(costs, unobserved, new):
 def valve_hits(bar, chosen, predicted, true):
     """Return which particles are hit: every valve against every particle."""
     pitch = bar.belt_mm / bar.valves
-    width = pitch
     hit = np.zeros(len(chosen), dtype=bool)
     for i in np.flatnonzero(chosen & np.isfinite(predicted).all(axis=0)):
         valve = min(
             range(bar.valves), key=lambda k: abs((k + 0.5) * pitch - predicted[1][i])
         )
         for j in range(len(chosen)):
-            across = abs((valve + 0.5) * pitch - true[1][j]) <= width / 2
+            across = abs((valve + 0.5) * pitch - true[1][j]) <= pitch / 2
             hit[j] |= across and abs(predicted[0][i] - true[0][j]) <= bar.open_s / 2
     return hit

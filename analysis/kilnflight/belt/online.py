@@ -43,7 +43,7 @@ PLACE = slice(2)  # columns x, y of spots
 PLACE_MM = slice(4, 6)  # columns x, y of what `MeasureSpots` returns
 NUMBER = "number of the frame (-1: a time stamp in s that does not follow the last)"
 FOLLOWED = 0.05  # share of a stamp's jitter that `Numbered` takes for drift; choice
-LONGEST_S = 1.0  # gap that `Numbered` takes for one without a second look; choice
+LONGEST_S = 1.0  # after a longer gap `Numbered` waits for a second stamp; choice
 _TRACKER = BeltTracker()
 
 
@@ -294,8 +294,12 @@ def _usable(
 ) -> Iterator[tuple[int, Array, int, float]]:
     """Yield number, particles, frames since the one before, and when it came."""
     frame_s = watch.tracker.frame_s
-    if getattr(spots, "frame_s", frame_s) != frame_s:
-        raise InputError(f"spots: frame_s is not {frame_s}, that of the tracker.")
+    given_s = getattr(spots, "frame_s", frame_s)
+    if given_s != frame_s:
+        raise InputError(
+            f"spots: frame_s is {given_s}, the tracker's {frame_s}. Give the same to "
+            "both."
+        )
     previous = -1
     lost = 0
     for frame, content in spots:

@@ -18,6 +18,8 @@ from kilnflight.arrays import Facts, Named, Picture, Shape
 from kilnflight.checks import InputError, check_shape, real_numbers
 from kilnflight.recording.frames import LABELS
 from kilnflight.recording.readers import (
+    NAMED,
+    POINT,
     Anything,
     Key,
     expression,
@@ -30,7 +32,12 @@ _STATED = tomllib.loads(Path(__file__).with_name("manifest.toml").read_text("utf
 FACTS = _STATED["facts"]
 FORMS = _STATED["forms"]
 KEYS = _STATED["keys"]
-COLUMNS = _STATED["columns"]
+COLUMNS = {  # of a table of text, by its form
+    "points": POINT,
+    "cloud": POINT[2:],
+    "indexed": POINT[2:],
+    "table": NAMED[1],
+}
 MM_PER_UNIT = _STATED["units"]
 TABLES = tuple(FORMS)
 ORDERS = ("row col", "col row")
