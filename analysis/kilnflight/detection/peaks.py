@@ -12,6 +12,7 @@ the noise. The noise is measured in the frame itself, so nothing depends on the
 exposure.
 """
 
+import heapq
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
@@ -20,7 +21,6 @@ import numpy as np
 
 from kilnflight.arrays import Array, Flags, Integers, Single, TwoInts
 from kilnflight.compiled import compiled
-from kilnflight.detection.disjoint import find_root
 
 # Multiple of the noise by which a peak must stand out; ours. In an area of noise alone,
 # of some hundred pixels, the highest stands out by about 3.5.
@@ -53,7 +53,7 @@ def find_peaks(image: Single, area: Integers, prominence: float) -> Array:
     An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among
     equal pixels the first in row order counts as the higher one.
     """
-    peaks = _area_peaks(_part(image, area), prominence)
+    peaks = _area_peaks(_part(image, area), prominence, True)
     peaks[:, :2] += np.maximum(area[::2], 0)
     return peaks
 
@@ -73,50 +73,34 @@ def _part(image: Single, area: Integers) -> Single:
 
 
 @compiled
-def _area_peaks(area: Single, prominence: float) -> Array:
+def _area_peaks(area: Single, prominence: float, every: bool) -> Array:
     """Return row, column and prominence (k, 3) of an area's peaks, the highest first.
 
     The area (rows, cols) holds grey values; rows and columns count from its corner.
-    Pixels are added from high to low, each to the hills of its neighbours. Where two
-    hills meet, the prominence of the lower summit is its height above that pixel.
+    Without ``every`` the first in row order is enough, which saves time.
     """
-    height, width = area.shape
-    value = area.copy().reshape(-1)
-    nothing = np.empty((0, 3))
     if not area.size:
-        return nothing
-    border = _border_median(area)
-    if value.max() - min(value.min(), border) < prominence:
-        return nothing
-    order = np.argsort(-value, kind="mergesort")
-    parent = np.full(area.size, -1)  # the hills are disjoint sets; -1: not yet added
-    summit = np.arange(area.size)
-    height_above = np.zeros(area.size)
-    for pixel in order:
-        row = pixel // width
-        col = pixel % width
-        parent[pixel] = pixel
-        for i in range(max(row - 1, 0), min(row + 2, height)):
-            for j in range(max(col - 1, 0), min(col + 2, width)):
-                if parent[i * width + j] < 0:
-                    continue
-                first = find_root(parent, pixel)
-                second = find_root(parent, i * width + j)
-                if first == second:
-                    continue
-                low = summit[first]
-                high = summit[second]
-                if (value[low], high) > (value[high], low):  # ties: the first is higher
-                    low, high = high, low
-                height_above[low] = value[low] - value[pixel]
-                parent[first] = second
-                summit[second] = high
-    height_above[order[0]] = value[order[0]] - border
-    row = order // width
-    col = order % width
-    inner = (row > 0) & (row < height - 1) & (col > 0) & (col < width - 1)
-    peaks = np.column_stack((row, col, height_above[order]))
-    return peaks[inner & (peaks[:, 2] >= prominence)]
+        return np.empty((0, 3))
+    height, width = area.shape
+    least = area.min()
+    top = area.argmax()  # the first of equal ones
+    above = np.zeros(area.shape)
+    for row in range(1, height - 1):
+        for col in range(1, width - 1):
+            value = area[row, col]
+            if value - least < prominence:
+                continue
+            if value < area[row, col - 1] or value < area[row, col + 1]:
+                continue
+            if row * width + col == top:
+                above[row, col] = value - _border_median(area)
+            else:
+                above[row, col] = _above_saddle(area, (row, col))
+            if not every and above[row, col] >= prominence:
+                return np.array([[float(row), float(col), above[row, col]]])
+    peak = np.flatnonzero(above >= prominence)
+    peak = peak[np.argsort(-area.ravel()[peak], kind="mergesort")]
+    return np.column_stack((peak // width, peak % width, above.ravel()[peak]))
 
 
 @compiled
@@ -124,35 +108,6 @@ def _border_median(area: Single) -> float:
     """Return the median of the outermost pixels of an area (rows, cols), each once."""
     sides = np.concatenate((area[0], area[-1], area[1:-1, 0], area[1:-1, -1]))
     return float(np.median(sides))
-
-
-@compiled
-def _has_peak(area: Single, prominence: float) -> bool:
-    """Return whether an area (rows, cols) has a peak, as `_area_peaks` would find.
-
-    Pixels are not sorted, which is faster; ``prominence`` is in grey values.
-    """
-    if not area.size:
-        return False
-    least = area.min()
-    most = area.max()
-    border = _border_median(area)
-    if most - min(least, border) < prominence:
-        return False
-    height, width = area.shape
-    top, left = divmod(area.argmax(), width)  # the first of equal ones
-    if most - border >= prominence and 0 < top < height - 1 and 0 < left < width - 1:
-        return True
-    for row in range(1, height - 1):
-        for col in range(1, width - 1):
-            value = area[row, col]
-            if value - least < prominence or (row == top and col == left):
-                continue  # the highest one was judged above
-            if value < area[row, col - 1] or value < area[row, col + 1]:
-                continue
-            if _stands_out(area, (row, col), prominence):
-                return True
-    return False
 
 
 @compiled
@@ -164,35 +119,37 @@ def _moved(now: Single, before: Single, areas: Integers, prominence: float) -> F
     in Python.
     """
     changes = [np.abs(_part(now, area) - _part(before, area)) for area in areas]
-    return np.array([_has_peak(change, prominence) for change in changes])
+    return np.array(
+        [len(_area_peaks(change, prominence, False)) > 0 for change in changes]
+    )
 
 
 @compiled
-def _stands_out(area: Single, place: TwoInts, prominence: float) -> bool:
-    """Return whether no higher pixel can be reached from ``place`` (flood fill).
+def _above_saddle(area: Single, place: TwoInts) -> float:
+    """Return how far a pixel is above the saddle to a higher one, in grey values.
 
-    ``place`` is row and column in the area (rows, cols). The way goes by neighbouring
-    pixels that are less than the prominence below ``place``. An equal pixel that comes
-    first counts as higher.
+    ``place`` is row and column in the area (rows, cols), which has a higher pixel. The
+    way goes on at the highest pixel that it has come by; the saddle is the lowest one
+    on it. An equal pixel that comes first counts as higher.
     """
-    row, col = place
-    value = area[row, col]
-    number = row * area.shape[1] + col
-    visited = np.zeros(area.shape, np.bool_)
-    visited[row, col] = True
-    stack = [place]
-    while stack:
-        at_row, at_col = stack.pop()
-        for i in range(max(at_row - 1, 0), min(at_row + 2, area.shape[0])):
-            for j in range(max(at_col - 1, 0), min(at_col + 2, area.shape[1])):
-                if visited[i, j] or value - area[i, j] >= prominence:
-                    continue
-                before = i * area.shape[1] + j < number
-                if area[i, j] > value or (before and area[i, j] == value):
-                    return False
-                visited[i, j] = True
-                stack.append((i, j))
-    return True
+    height, width = area.shape
+    value = area[place]
+    number = place[0] * width + place[1]
+    seen = np.zeros(area.shape, np.bool_)
+    seen[place] = True
+    saddle = value
+    shore = [(-value, number)]
+    reached = shore[0]
+    while reached >= (-value, number):
+        reached = heapq.heappop(shore)
+        saddle = min(saddle, -reached[0])
+        row, col = divmod(reached[1], width)
+        for i in range(max(row - 1, 0), min(row + 2, height)):
+            for j in range(max(col - 1, 0), min(col + 2, width)):
+                if not seen[i, j]:
+                    seen[i, j] = True
+                    heapq.heappush(shore, (-area[i, j], i * width + j))
+    return value - saddle
 
 
 @compiled
@@ -338,4 +295,6 @@ class Evidence(NamedTuple):
         if not self.moved(area[None])[0]:
             return False
         part = _part(self.gray, area)
-        return any(_has_peak(sign * part, self.threshold) for sign in (1, -1))
+        return any(
+            len(_area_peaks(sign * part, self.threshold, False)) for sign in (1, -1)
+        )
