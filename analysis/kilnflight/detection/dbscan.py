@@ -262,7 +262,6 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
         known = 0
         for a in range(starts[cell], starts[cell + 1]):
             neighbours = 0
-            x, y, z = points[a]
             for r in range(_ROWS):
                 if r == known:
                     first[r] = _advance(keys, first[r], keys[cell] + steps[r] - _REACH)
@@ -272,13 +271,7 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
                     ]
                     known += 1
                 for b in range(begin[r], end[r]):
-                    along_x = x - points[b, 0]
-                    along_y = y - points[b, 1]
-                    along_z = z - points[b, 2]
-                    neighbours += (
-                        along_x * along_x + along_y * along_y + along_z * along_z
-                        <= limit
-                    )
+                    neighbours += _near(points, a, points, points, b, limit)
                     if neighbours >= min_points:
                         break
                 if neighbours >= min_points:
