@@ -36,7 +36,7 @@ from kilnflight.checks import Positive, Settings
 from kilnflight.compiled import compiled
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Otsu, Polygon
 from kilnflight.detection.peaks import Evidence, disc_pixels, smoothed
-from kilnflight.detection.region import inside
+from kilnflight.detection.region import within
 from kilnflight.tables import DETECTIONS
 
 # Every area is widened, so that its border shows what surrounds the particle; ours.
@@ -324,11 +324,9 @@ class Combination(Settings):
         labels = np.where(many[labels + 1], -1, labels)
         clusters = sort_clusters(view.pixels, view.xyz, labels)
         keypoints = no_larger(keypoints, self.largest_px)
-        small = widths(clusters) <= LARGEST_PX
-        if roi is not None:
-            keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
-            small &= inside(roi, *centers(clusters).T)
-        clusters = take_clusters(clusters, small)
+        keypoints = keypoints[within(roi, keypoints)]
+        clusters = take_clusters(clusters, widths(clusters) <= LARGEST_PX)
+        clusters = take_clusters(clusters, within(roi, centers(clusters)))
         evidence = Evidence.of(view.gray, view.previous, view.smooth)
         moved = evidence.moved(widened(rectangles(clusters)))
         parts = [np.empty((0, len(_COLUMNS)))]
@@ -380,8 +378,7 @@ class Planar(Settings):
                 apart = self.size_px / 2
                 graded = graded[np.abs(np.log(graded[:, 2] / apart)) < np.log(2)]
             spots = _strongest(graded, apart)
-        if roi is not None:
-            spots = spots[inside(roi, spots[:, 0], spots[:, 1])]
+        spots = spots[within(roi, spots)]
         unknown = np.full((len(spots), 3), np.nan)
         none = np.zeros((len(spots), 2))
         return _table(np.column_stack([spots, unknown, none]), view.gray, frame)

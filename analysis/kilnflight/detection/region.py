@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from kilnflight.arrays import Array, ArrayLike, Flags
+from kilnflight.arrays import Array, ArrayLike, Flags, Index
 from kilnflight.checks import InputError, check_finite, check_shape
 
 
@@ -59,3 +59,10 @@ def inside(polygon: ArrayLike, row: ArrayLike, col: ArrayLike) -> Flags:
     places = np.broadcast(r, c)
     side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
     return np.greater_equal(side, 0).reshape(places.shape)
+
+
+def within(roi: ArrayLike | None, places: Array) -> Index:
+    """Return the row numbers of the places (n, 2) in the region of interest (k, 2)."""
+    if roi is None:
+        return np.arange(len(places))
+    return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))

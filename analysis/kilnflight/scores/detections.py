@@ -24,7 +24,7 @@ from kilnflight.checks import (
     check_number,
     check_shape,
 )
-from kilnflight.detection.region import inside
+from kilnflight.detection.region import within
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
 NEAR_GATE_PX = DETECTION_GATE_PX / 2  # the same as a diameter, as sec. 3.3 calls it
@@ -138,8 +138,8 @@ def score_detections(
     check_number(gate, "score_detections: gate", above=0)
     particles = check_finite(truth, "truth", (None, 2))
     places = check_finite(detected, "detected", (None, 2))
-    true = _within(roi, particles)
-    found = _within(roi, places)
+    true = within(roi, particles)
+    found = within(roi, places)
     near = pair(particles[true], places[found], gate)
     return _score(true, found, np.stack([true[near[:, 0]], found[near[:, 1]]], axis=1))
 
@@ -194,8 +194,8 @@ def score_in_pixels(
     """
     places = check_finite(detected, "detected", (None, 2))
     middle = centroids.to_numpy()
-    true = _within(roi, middle)
-    found = _within(roi, places)
+    true = within(roi, middle)
+    found = within(roi, places)
     nearest = np.floor(places + 0.5)
     on_image = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
     row, col = nearest[on_image].astype(np.intp).T
@@ -206,13 +206,6 @@ def score_in_pixels(
     ranked = usable[np.lexsort((usable, distance, hit[usable]))]
     particle, first = np.unique(hit[ranked], return_index=True)
     return _score(true, found, np.stack([particle, ranked[first]], axis=1))
-
-
-def _within(roi: ArrayLike | None, places: Array) -> Index:
-    """Return the row numbers of the places (n, 2) in the region of interest (k, 2)."""
-    if roi is None:
-        return np.arange(len(places))
-    return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))
 
 
 def _score(true: Index, found: Index, pairs: Index) -> FrameScore:
