@@ -135,8 +135,10 @@ PLACES = TABLES["places"]
 TO_TRACK = TABLES["detections to track"]
 TRACKED = TABLES["tracks"]
 TRAJECTORIES = TABLES["regressed trajectories"]
+FLOWN = TABLES["tracks of flights"]
 FLIGHTS = TABLES["flights"]
 SLICES = TABLES["space-sliced velocities"]
+SQUARES = TABLES["square displacements"]
 
 
 def plain(table: DataFrame) -> DataFrame:

@@ -15,7 +15,6 @@ from kilnflight.film.report import Rows, Tables
 from kilnflight.film.settings import Options
 from kilnflight.film.spreading import (
     LEAST_PX2,
-    SQUARES,
     fit_spreading,
     followed,
     speeds,
@@ -24,7 +23,7 @@ from kilnflight.film.spreading import (
 from kilnflight.publication import style
 from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
-from kilnflight.tables import in_tracks
+from kilnflight.tables import SQUARES, in_tracks
 
 PICTURES = ("detections", "tracks", "lengths-and-speeds", "mean-square-displacement")
 PREVIEW_FRAMES = 3

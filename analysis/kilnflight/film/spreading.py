@@ -9,12 +9,11 @@ from scipy.optimize import least_squares
 
 from kilnflight.arrays import Array
 from kilnflight.checks import check_flags, check_number
-from kilnflight.tables import TRACKED, Table, in_tracks
+from kilnflight.tables import SQUARES, TRACKED, in_tracks
 
 LONGEST_LAG = 100  # frames
 ALONE = 0.25  # share of positions with others in their frame; drift shows from it on
 LEAST_PX2 = 1e-12  # no error is taken smaller
-SQUARES = Table("square displacements", lag=int, square_px2=float, error_px2=float)
 
 
 def square_displacements(

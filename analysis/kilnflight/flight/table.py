@@ -19,19 +19,8 @@ from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight.criteria import BEYOND_S, Plausible, landing_s, starts_at_lance
 from kilnflight.ignition import NONE, SEEN, Ignition, IgnitionResult
 from kilnflight.regression import Fit
-from kilnflight.tables import AXES, FLIGHTS, GAPS, Table, order_tracks
+from kilnflight.tables import AXES, FLIGHTS, FLOWN, order_tracks
 
-# frame, row, col, gray, x, y, z
-FLOWN = Table(
-    "tracks of flights",
-    frame=int,
-    row=float,
-    col=float,
-    gray=float,
-    x=GAPS,
-    y=GAPS,
-    z=GAPS,
-)
 LANDED = "landed"
 BURNT_OUT = "burnt out"
 LEFT = "left the view"
