@@ -1,7 +1,9 @@
 """Settings that are chosen for a film: background, enlargement, threshold, doubts."""
 
+import pickle
 import re
 import warnings
+from collections import Counter
 
 import numpy as np
 import pandas as pd
@@ -11,7 +13,7 @@ from tests.definitions.films import film
 from tools import films
 
 import kilnflight
-from kilnflight.film import preparation
+from kilnflight.film import preparation, prepared
 from kilnflight.film.doubts import doubtful_links
 from kilnflight.film.motion import shaken_px
 from kilnflight.film.pictures import png
@@ -162,6 +164,41 @@ def test_settings_are_tried_on_the_middle(monkeypatch):
     small, _ = moving(60, 0.8, 60.0, 2.0)
     assert "--size 3" in rows_of(small)["warning"][0]
     assert "warning" not in rows_of(small[:, 30:130, 20:140])
+
+
+class Read:
+    """Pictures that count how often each is read."""
+
+    def __init__(self, pictures):
+        self.pictures = pictures
+        self.times = Counter()
+
+    def __len__(self):
+        return len(self.pictures)
+
+    def __getitem__(self, t):
+        self.times[t] += 1
+        return self.pictures[t]
+
+
+def test_a_short_film_is_read_once_and_a_long_one_as_far_as_memory_goes(monkeypatch):
+    pictures, _ = moving(25, 1.8, 60.0, 2.0)
+    read = Read(pictures)
+    recording = kilnflight.open(read)
+    read.times.clear()
+    found = kilnflight.detect(recording)
+    few = prepared.spread(len(pictures), 5)  # have they depth?
+    assert read.times == Counter([*range(len(pictures)), *few])
+    kept = prepared.Kept(recording)
+    kept.frame(0)
+    assert pickle.loads(pickle.dumps(kept)).frame.cache_info().currsize == 0
+    monkeypatch.setattr(prepared, "KEPT_PX", 3 * pictures[0].size + 1)
+    kept = prepared.Kept(recording)
+    read.times.clear()
+    for t in (0, 1, 2, 0, 3, 0, 1):
+        assert (kept.gray(t) == pictures[t]).all()
+    assert read.times == {0: 1, 1: 2, 2: 1, 3: 1}
+    pd.testing.assert_frame_equal(kilnflight.detect(recording), found)
 
 
 DARK = {

@@ -29,7 +29,7 @@ from kilnflight.film.noise import (
     noise_threshold,
     spot_detector,
 )
-from kilnflight.film.prepared import Prepared, mean_level, spread
+from kilnflight.film.prepared import Kept, Prepared, mean_level, spread
 from kilnflight.film.report import Printed, Rows
 from kilnflight.film.settings import BACKGROUNDS, Background, Options
 from kilnflight.recording.files import WHITE, open_any
@@ -136,18 +136,20 @@ def choose(recording: Recording, options: Options, rows: Rows) -> chain.Detectio
     """
     options.check(recording)
     deep = any(len(recording.frame(t).pixels) for t in spread(len(recording), 5))
-    level = None
-    if not deep:  # the light of depth's stays as it is
-        level = mean_level(recording)
     content = ""
     if isinstance(recording, StoredRecording):
         content = recording.content()
+    level = None
+    if not deep:  # the light of depth's stays as it is
+        recording = Kept(recording)
+        level = mean_level(recording)
     seen = Prepared(recording, content, options.dark, level, options.roi)
     rows.extend(_given(recording, options, deep))
     looks = Looks(seen)
     if not deep:
-        frames = range(min(len(seen), TRIED))
-        tried = [middle(seen.gray(t), MIDDLE_PX).copy() for t in frames]
+        tried = [
+            middle(seen.gray(t), MIDDLE_PX).copy() for t in range(min(len(seen), TRIED))
+        ]
         looks = Looks(open_any(np.stack(tried)))
         rows.append(("tried on", f"the middle {looks.seen.attributes.size} px"))
     background, reason = choose_background(looks, options, deep)
@@ -255,7 +257,7 @@ def choose_threshold(
         return threshold, "from the noise"
     start = (options.frames or (0,))[0]
     brightest = float(looks.seen.gray(start).max())
-    least = DoG().threshold * brightest / WHITE
+    least = DoG.threshold * brightest / WHITE
     return max(threshold, least), "from the noise, at least that of the thesis"
 
 
@@ -303,8 +305,9 @@ def _found(looks: Looks, background: Background, single: DoG) -> Told:
 
 def _doubts(looks: Looks, background: Background, enlarge: int) -> Told:
     """Yield warnings on dark particles, frames that shake and what is no round spot."""
-    sides = (looks, looks.inverse)
-    bright, dark = (np.concatenate(each.spots("none", 2))[:, 3] for each in sides)
+    bright, dark = (
+        np.concatenate(each.spots("none", 2))[:, 3] for each in (looks, looks.inverse)
+    )
     if len(dark) > FEW and dark.sum() > 2 * bright.sum():
         yield "warning", DARKER
     seen = looks.seen

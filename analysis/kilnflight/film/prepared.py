@@ -1,12 +1,46 @@
 """A recording as it is searched, changed frame by frame when it is read."""
 
+import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from kilnflight.arrays import Anything
 from kilnflight.recording.files import WHITE
 from kilnflight.recording.frames import Attributes, Frame, Gray, Recording
+
+KEPT_PX = 128_000_000  # of the frames that are kept; 256 MB
+
+
+class Kept:
+    """A recording without depth, whose last frames stay in memory: all of a short film.
+
+    They are read many times while settings are chosen, and in the windows of medians.
+    Another process reads them again.
+
+    Parameters
+    ----------
+    original
+        The recording.
+    """
+
+    def __init__(self, original: Recording) -> None:
+        self.original = original
+        self.attributes = original.attributes
+        most = KEPT_PX // math.prod(self.attributes.size)
+        self.frame = lru_cache(most)(original.frame)
+
+    def __reduce__(self) -> Any:
+        return Kept, (self.original,)
+
+    def __len__(self) -> int:
+        return len(self.original)
+
+    def gray(self, t: int) -> Gray:
+        """Return the grey values (rows, cols) of frame ``t``."""
+        return self.frame(t).gray
 
 
 @dataclass(frozen=True)
@@ -70,14 +104,13 @@ class Prepared:
             even = gray * (self.level / max(level_of(gray), 1.0))
             gray = np.minimum(np.rint(even), WHITE).astype(np.uint16)
         if self.dark:
-            return np.subtract(WHITE, gray, dtype=np.uint16)
+            return WHITE - gray
         return gray
 
 
 def mean_level(recording: Recording) -> float | None:
     """Return the mean grey level if the light changes by more than 1 %, else None."""
-    frames = spread(len(recording), 30)
-    levels = [level_of(recording.gray(t)) for t in frames]
+    levels = [level_of(recording.gray(t)) for t in spread(len(recording), 30)]
     mean = float(np.mean(levels))
     if np.std(levels) > 0.01 * mean:
         return mean
