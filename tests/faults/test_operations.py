@@ -4,7 +4,7 @@ import pytest
 from tests.faults.runs import OPERATIONS, Failing, content, moving, run, spots
 
 from kilnflight.checks import InputError
-from kilnflight.film import run as film_run
+from kilnflight.film import pictures
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
@@ -18,8 +18,8 @@ def test_a_run_whose_nth_operation_failed_goes_on_to_the_same_bytes(
         return content(folder)
 
     # a picture costs most of the time, and drawing writes nothing
-    monkeypatch.setattr(film_run, "png", lambda figure: b"a picture")
-    monkeypatch.setattr(film_run, "pictures", lambda *_: [("tracks", None)])
+    monkeypatch.setattr(pictures, "png", lambda figure: b"a picture")
+    monkeypatch.setattr(pictures, "pictures", lambda *_: [("tracks", None)])
     expected = run_into(tmp_path / "right")
     error, place, name = OPERATIONS[operation]
     call = getattr(place, name)

@@ -6,6 +6,7 @@ import pytest
 from tests.definitions.films import film
 
 import kilnflight
+from kilnflight.film.pictures import pictures
 from kilnflight.scores import score_tracks
 
 ONE = {"cells": (1, 1), "pitch": 64, "drift": (0.0, 0.0)}
@@ -49,7 +50,7 @@ def test_no_picture_prevents_a_table(tmp_path, monkeypatch):
     def fail(figure):
         raise ValueError("Too many bins")
 
-    monkeypatch.setattr("kilnflight.film.run.png", fail)
+    monkeypatch.setattr("kilnflight.film.pictures.png", fail)
     with pytest.raises(ValueError, match="bins"):
         kilnflight.run(film(**ONE)[0], tmp_path)
     written = {path.name for path in tmp_path.iterdir()} - {"parts"}
@@ -63,7 +64,7 @@ def test_steps_that_differ_by_rounding_are_drawn(tmp_path):
     tracks = tracks.assign(radius_px=2.0, z=np.nan)
     tables = {"detections": tracks, "tracks": tracks}
     recording = kilnflight.open(np.zeros((40, 20, 20), np.uint8))
-    drawn = dict(kilnflight.film.pictures.pictures(recording, tables, frame))
+    drawn = dict(pictures(recording, tables, frame))
     assert len(drawn) == 4
 
 

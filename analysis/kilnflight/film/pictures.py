@@ -25,7 +25,6 @@ from kilnflight.recording.files import open_any
 from kilnflight.recording.frames import Recording
 from kilnflight.tables import SQUARES, in_tracks
 
-PICTURES = ("detections", "tracks", "lengths-and-speeds", "mean-square-displacement")
 PREVIEW_FRAMES = 3
 PREVIEW_STEPS = (*STEPS, 8.0)  # multiples of the threshold
 BARS = {"color": "0.7", "edgecolor": "black"}  # histograms

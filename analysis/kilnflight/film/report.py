@@ -18,6 +18,7 @@ from kilnflight.recording.frames import LABELS, Attributes, Frame
 from kilnflight.recording.store import StoredRecording
 from kilnflight.scores.intervals import median_interval
 
+PICTURES = ("detections", "tracks", "lengths-and-speeds", "mean-square-displacement")
 Rows = list[tuple[str, str]]  # a name, "note" or "warning", and a text
 LEAST_MM = 100.0  # no kiln is so near
 MOST_MM = 50_000.0  # nor so deep

@@ -16,9 +16,8 @@ from kilnflight.chain import CHAIN_STEPS
 from kilnflight.checks import InputError, check_columns, check_flags, check_whole
 from kilnflight.film.doubts import doubtful_links, doubts
 from kilnflight.film.motion import motion_of
-from kilnflight.film.pictures import PICTURES, pictures, png
 from kilnflight.film.preparation import choose, prepare
-from kilnflight.film.report import Rows, Tables, speed, summary, units
+from kilnflight.film.report import PICTURES, Rows, Tables, speed, summary, units
 from kilnflight.film.settings import Options
 from kilnflight.recording.files import FileRecording, open_any
 from kilnflight.recording.frames import Recording, count_frames
@@ -325,5 +324,8 @@ def _contents(
     for name in ("tracks", "summary"):
         known = tables[name].dropna(axis=1, thresh=min(1, len(tables[name])))
         yield f"{name}.csv", csv_of(known).encode()
+    # Imported late: it imports matplotlib.
+    from kilnflight.film.pictures import pictures, png
+
     for name, figure in pictures(recording, tables, frames):
         yield f"{name}.png", png(figure)
