@@ -1,6 +1,8 @@
 """The command line: import, export, info, preview, track, run, belt."""
 
 import argparse
+import atexit
+import gc
 import os
 import signal
 import tomllib
@@ -32,6 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         # like Ctrl-C, which ends all processes
         signal.signal(number, signal.default_int_handler)
+    atexit.register(gc.freeze)  # else the end of the process takes half a second
     warnings.showwarning = lambda text, *_: print(f"warning: {text}")
     try:
         options.function(options)
