@@ -122,10 +122,11 @@ def unpack(archive: Path) -> Path:
             if damaged:
                 raise zipfile.BadZipFile(f"{damaged} is damaged")
             make_whole(folder, content.extractall)
-    except NotImplementedError as error:
-        raise InputError(f"{archive}: {error}. Unpack it yourself.") from error
-    except RuntimeError as error:  # zipfile's, of a password
-        raise InputError(f"{archive}: has a password. Unpack it yourself.") from error
+    except RuntimeError as error:  # zipfile's, of what it cannot do
+        raise InputError(
+            f"{archive}: has a password or an unknown packing ({error}). Unpack it "
+            "yourself."
+        ) from error
     except (OSError, zipfile.BadZipFile, EOFError) as error:
         raise InputError(
             f"{archive}: no whole ZIP archive ({error}). Fetch it again."
