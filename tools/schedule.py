@@ -22,12 +22,13 @@ from kilnflight.checks import InputError
 from kilnflight.store import paths
 from kilnflight.store.cache import PACKAGE, write_whole
 
-# The longest begin, by number; notebook 12, which waits for 20 to 25, is long as well.
-LONGEST = ("23", "24", "22", "20", "21", "25", "50", "43", "10", "32", "45", "40", "60")
+# The longest begin, by number; in a full run 12 is as long as 24, for which it waits.
+LONGEST = ("23", "24", "22", "20", "12", "50", "10", "32", "43", "60", "45", "56", "54")
 COMPILES = "23"  # compiles what those of the kiln share, once for all of them
 CAMPAIGNS = "50"  # detects in all campaigns; the others of 50 to 59 take its tables
 SUMMARY = ("00", "01")  # collect what the others conclude
-BESIDE = "12"  # shows its results beside those of 20 to 25
+LABELLED = "12"  # shows its results beside those of the next
+BESIDE = ("20", "22", "24")
 MANY_PROCESSES = ("50", "56")  # get all processes in a full run, which is large
 EXTERNAL = (
     "KILNFLIGHT_EXTERNAL",
@@ -136,9 +137,9 @@ def waits_for(source: Path, stale: Collection[Path], scale: str) -> set[Path]:
         first.append(COMPILES)
     if own.startswith("5"):
         first.append(CAMPAIGNS)
+    if own == LABELLED:
+        first += BESIDE
     waited = {each for each in others if number(each) in first}
-    if own == BESIDE:
-        waited |= {each for each in others if each.stem.startswith("2")}
     if own == CAMPAIGNS and scale == "full":
         late = ("5", *SUMMARY)
         waited |= {each for each in others if not each.stem.startswith(late)}
