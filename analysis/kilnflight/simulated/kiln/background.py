@@ -248,7 +248,7 @@ class Background:
     def _burn(self, picture: Single, time_s: float) -> None:
         """Draw the burner's flame: an ellipse from the nozzle away from the lance."""
         top, bottom, left, right = self.interior.flame_roi
-        ends_m = self.nozzle_m + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+        ends_m = self.nozzle_m + np.outer([0.0, 0.5], [1, 0, 0])
         ends = self.geometry.project(self.geometry.to_camera(ends_m))
         nozzle, end = np.transpose(ends)  # rows and columns
         direction = (end - nozzle) / np.hypot(*(end - nozzle))
@@ -256,11 +256,15 @@ class Background:
         moves = 1 + np.array([0.035, 0.035, 0.08]) * sines
         length, width = np.array(FLAME_PX) * moves[:2] * self._scale
         ahead = direction * length / 2
+        # In rows beyond 1.5 radii its share, below 1e-17, changes no grey value.
+        down, over = direction
+        reach = 0.75 * np.hypot(down * length, over * width)
+        rows = nozzle[0] + ahead[0] + [-reach, reach + 1]
+        top, bottom = np.clip(rows, top, bottom).astype(int)
         box = np.s_[top:bottom, left:right]
         row, column = np.ogrid[box]
         row = row - nozzle[0] - ahead[0]
         column = column - nozzle[1] - ahead[1]
-        down, over = direction
         along = (row * down + column * over) / (length / 2)
         across = (column * down - row * over) / (width / 2)
         edge = 4 * (np.hypot(along, across) - 1) / FLAME_EDGE

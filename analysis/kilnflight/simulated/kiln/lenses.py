@@ -27,7 +27,6 @@ from kilnflight.arrays import (
     Generator,
     Index,
     Pair,
-    Picture,
     Shape,
     Single,
     TwoInts,
@@ -133,7 +132,7 @@ class LensCamera:
         Eq. 2.4 is not monotone below 3 m; the captured depth jumps where the equation
         does.
         """
-        return np.asarray(np.interp(np.asarray(true_mm), *_tabulate_captured()))
+        return np.interp(np.asarray(true_mm), *_tabulate_captured())
 
     def wall_scale(self, depth_mm: ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths."""
@@ -437,6 +436,8 @@ class LensWall:
         # Neither a particle nor a pixel with a particle's depth can have the wall's.
         hidden = view.labels.reshape(-1) != 0
         hidden[with_depth] = True
+        kept = random.random(len(with_depth), np.float32) < camera.points_per_pixel
+        kept &= view.labels.take(with_depth) != 1  # none in the flame
         by_blob = self._depths(view, error, blob, contrast[block])
         depth = lattice.average_sums(block, by_blob[blob])
         depth /= np.maximum(count, 1e-6)  # 0 / 0 where there is no particle
@@ -446,9 +447,9 @@ class LensWall:
         return Sight(
             own=body.take(self.centre) ** camera.dominance,
             wall=np.sqrt(wall_variance.take(self.centre)) ** camera.dominance,
-            depth_mm=np.asarray(depth.take(self.centre), np.float32),
+            depth_mm=depth.take(self.centre),
             hidden=hidden,
-            pixels=self._keep(with_depth, view.labels, random),
+            pixels=with_depth[kept],
         )
 
     def _depths(
@@ -464,11 +465,6 @@ class LensWall:
         over = self.camera.half_contrast / np.maximum(strongest, 0.1)
         scale = np.sqrt(1.0 + over**2)
         return view.blobs.depth_mm + error[view.moment.particle] * scale
-
-    def _keep(self, pixels: Index, labels: Picture, random: Generator) -> Index:
-        """Choose the pixels of particles that have a point, none in the flame."""
-        kept = random.random(len(pixels), np.float32) < self.camera.points_per_pixel
-        return pixels[kept & (labels.take(pixels) != 1)]
 
 
 def _interpolate(values: Single, lens: Index, weight: Single) -> Single:
