@@ -109,8 +109,8 @@ def seen_by_camera(
     anew = np.hypot(own_mm, np.sqrt(1 - camera.fixed) * scale)
     error = calibration[row, col] * scale
     error += anew * np.random.default_rng([seed, 62]).standard_normal(len(paths))
-    xyz = place.unproject(pixel[:, 0], pixel[:, 1], paths["z"] + error)
-    return paths.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+    xyz = place.unproject(paths["row"], paths["col"], paths["z"] + error)
+    return paths.assign(**dict(zip("xyz", xyz.T, strict=True)))
 
 
 def fit_medians(paths: DataFrame, exit_point_mm: ArrayLike, rate_hz: float) -> Series:

@@ -217,9 +217,8 @@ class Twin:
 
     def particles_with_depth(self, t: int, view: SceneView) -> Index:
         """Return the particles with at least one valid point in frame ``t``."""
-        has_point = np.zeros(view.labels.size, bool)
-        has_point[self._sight(t, view).pixels] = True
-        chosen = view.shown & has_point[view.pixels.place]
+        deep = np.isin(view.pixels.place, self._sight(t, view).pixels)
+        chosen = view.shown & deep
         return np.unique(view.moment.particle[view.pixels.blob[chosen]])
 
     @cached_property

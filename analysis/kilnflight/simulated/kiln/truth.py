@@ -194,7 +194,7 @@ def _see(twin: Twin, t: int, view: SceneView) -> DataFrame:
             "visible": view.visible & in_picture,
             "label": view.kinds,
             "in_roi": inside(twin.attributes.roi or (), row, col),
-            **{axis: place[:, k] for k, axis in enumerate("xyz")},
+            **dict(zip("xyz", place.T, strict=True)),
             **{f"velocity_{axis}_m_s": velocity[:, k] for k, axis in enumerate("xyz")},
         }
     )
@@ -205,8 +205,7 @@ def metre_velocities(flights: Flights) -> Array:
 
     NaN where a particle did not pass the whole metre.
     """
-    crossed = flights.crossings()
-    return 1.0 / np.diff(crossed, axis=1, prepend=np.zeros((len(crossed), 1)))
+    return 1.0 / np.diff(flights.crossings(), axis=1, prepend=0.0)
 
 
 def true_flight_values(flights: Flights) -> FlightValues:
