@@ -14,12 +14,11 @@ from pandas import DataFrame, Series
 
 from kilnflight.publication import claims
 from kilnflight.scores import rates
-from kilnflight.simulated.kiln.scenes import RECORDED
+from kilnflight.simulated.kiln.scenes import RECORDED, SUBSETS
 from kilnflight.store import paths
 
 COUNTS = ["TP", "FP", "FN"]
 RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
-SUBSETS = ["V1", "V2", "V3", "V4", "V5"]
 QCC_CONSEQUENCE = "yes: see 'best F1 of QCC' and 'lead in F1 of QCC over DBSCAN'"
 MO_CONSEQUENCE = "no: Table 5.9 has 0.5970, which the printed F1 fits"
 RATE_CONSEQUENCES = {
@@ -137,33 +136,8 @@ def check_sums() -> Iterator[Check]:
     )
     yield from _check_class_sums(everything, "Table 5.2")
     yield from _check_class_sums(inside, "Table 5.3")
-    yield from _check_shares(everything, inside)
-
-
-def _check_class_sums(table: DataFrame, where: str) -> Iterator[Check]:
-    """Check the sums in Table 5.2 or 5.3 (``where``), over classes and over subsets.
-
-    The rows of ``table`` must be: burning in air, non-burning in air, burning on the
-    wall, in air (the first two), amount (the first three). Cells are printed strings.
-    """
-    counts = table[[*SUBSETS, "amount"]].astype(float)
-    for column, values in counts.items():
-        for row, summed in ((3, 2), (4, 3)):
-            place = f"{where}, {table.index[row]}"
-            total = values[:summed].sum()
-            yield _check(place, str(column), table[column].iloc[row], total)
-    sums = counts[SUBSETS].sum(axis=1)
-    for name in table.index:
-        yield _check(f"{where}, {name}", "amount", table["amount"][name], sums[name])
-
-
-def _check_shares(everything: DataFrame, inside: DataFrame) -> Iterator[Check]:
-    """Check the percentages in Tables 5.2 (depth) and 5.3 (region of interest).
-
-    Both are shares of the particles of Table 5.2. ``everything`` is Table 5.2,
-    ``inside`` Table 5.3, with the same classes in the same order, but other words for
-    them. Cells are printed strings.
-    """
+    # Both percentages are shares of the particles of Table 5.2. Table 5.3 has the same
+    # classes in the same order, but other words for them.
     share = "percentage_with_3d_info"
     rows = zip(everything.iterrows(), inside.iterrows(), strict=True)
     for (name, row), (named, kept) in rows:
@@ -178,6 +152,23 @@ def _check_shares(everything: DataFrame, inside: DataFrame) -> Iterator[Check]:
             right = float(kept[subset]) <= most
             quantity = f"{subset} not above Table 5.2"
             yield Check(where, quantity, kept[subset], most, agrees=right)
+
+
+def _check_class_sums(table: DataFrame, where: str) -> Iterator[Check]:
+    """Check the sums in Table 5.2 or 5.3 (``where``), over classes and over subsets.
+
+    The rows of ``table`` must be: burning in air, non-burning in air, burning on the
+    wall, in air (the first two), amount (the first three). Cells are printed strings.
+    """
+    counts = table[[*SUBSETS, "amount"]].astype(float)
+    for column, values in counts.items():
+        for row, summed in ((3, 2), (4, 3)):
+            place = f"{where}, {table.index[row]}"
+            total = values[:summed].sum()
+            yield _check(place, str(column), table[column].iloc[row], total)
+    sums = counts[[*SUBSETS]].sum(axis=1)
+    for name in table.index:
+        yield _check(f"{where}, {name}", "amount", table["amount"][name], sums[name])
 
 
 def check_totals() -> Iterator[Check]:
