@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -146,26 +146,9 @@ def _find_line(
     grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
     profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
     offset = _crossing(profile.astype(float) - level, steps)
-    mean_u, fit = _fit_line(middle @ along, middle @ inwards + offset, side)
-    turned = along + fit.slope * inwards
-    return _Line(
-        point=mean_u * along + fit.intercept * inwards,
-        along=turned / np.linalg.norm(turned),
-        variance=np.array([fit.intercept_stderr, fit.stderr]) ** 2,
-    )
-
-
-def _fit_line(u: Array, v: Array, side: str) -> tuple[float, Any]:
-    """Fit a line to points (n,) that agree on one, v over u in px; NaN is no point.
-
-    Returns
-    -------
-    middle : float
-        Mean u of these points.
-    fit
-        Result of `scipy.stats.linregress`, with u counted from ``middle``. So the
-        errors of slope and intercept are independent.
-    """
+    # Of v over u, a line that most points agree on; NaN is no point.
+    u = middle @ along
+    v = middle @ inwards + offset
     visible = np.isfinite(v)
     _check_visible(visible, side)
     # The median of slopes is a robust start.
@@ -173,11 +156,17 @@ def _fit_line(u: Array, v: Array, side: str) -> tuple[float, Any]:
     for _ in range(5):
         inliers = np.abs(v - offset - slope * u) < TOLERANCE_PX
         _check_visible(inliers, side)
-        middle = u[inliers].mean()
-        fit = scipy.stats.linregress(u[inliers] - middle, v[inliers])
+        mean_u = u[inliers].mean()
+        # From the middle on, so that errors of slope and intercept are independent.
+        fit = scipy.stats.linregress(u[inliers] - mean_u, v[inliers])
         slope = fit.slope
-        offset = fit.intercept - slope * middle
-    return middle, fit
+        offset = fit.intercept - slope * mean_u
+    turned = along + fit.slope * inwards
+    return _Line(
+        point=mean_u * along + fit.intercept * inwards,
+        along=turned / np.linalg.norm(turned),
+        variance=np.array([fit.intercept_stderr, fit.stderr]) ** 2,
+    )
 
 
 def _check_visible(visible: Flags, side: str) -> None:
