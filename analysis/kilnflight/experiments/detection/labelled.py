@@ -55,7 +55,7 @@ WARM_UP_POINTS = 2000  # points of the untimed first call
 # Labelled frames per subset by scale; ten of all five subsets are the thesis's 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
 # Subsets by scale; the text of section 5.1.3 speaks most of V1 and V4.
-SUBSETS: dict[str, tuple[str, ...]] = {
+SUBSETS = {
     "quick": ("V4", "V5"),
     "standard": ("V1", "V4", "V5"),
     "full": scenes.SUBSETS,

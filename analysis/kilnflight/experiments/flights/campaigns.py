@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -64,7 +63,7 @@ REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 # (A.1).
 COMPLETE = (LANDED, BURNT_OUT, LEFT)
 # Two campaigns make a smoke run; a reduced run has those of one pressure.
-CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
+CAMPAIGNS = {
     "quick": (("wood chip", 4.5), ("paper shred", 4.5)),
     "standard": tuple((fraction, 4.5) for fraction in FRACTIONS),
     "full": tuple(product(FRACTIONS, PRESSURES_BAR)),
@@ -112,26 +111,25 @@ def settings_from_labels(
     ``scale`` and ``scenario`` are those of
     `kilnflight.experiments.detection.labelled.labelled_subsets`.
     """
-    make = partial(_settings, scale, seed, scenario)
+
+    def make() -> DataFrame:
+        subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
+        methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
+        threshold = labelled.best_threshold(labelled.score_methods(subsets, methods))
+        wall = fit_cylinder(labelled.wall_points(subsets[0]), seed)
+        placed = labelled.place_marked(subsets, wall).dropna(subset="z")
+        on_wall = placed["label"] == 4
+        distance = placed["distance_mm"]
+        limit = crossing(distance[~on_wall], distance[on_wall])  # section 5.1.4
+        in_air_mm = limit + BEYOND_CROSSING_MM
+        row = {"threshold": threshold, "in_air_mm": in_air_mm}
+        return DataFrame([row | vars(wall)])
+
     depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
     row: Any = CachedTable("settings", make, depends_on)().to_dict("records")[0]
     threshold = row.pop("threshold")
     in_air_mm = row.pop("in_air_mm")
     return LearnedSettings(threshold, Cylinder(**row), in_air_mm)
-
-
-def _settings(scale: str, seed: int, scenario: str) -> DataFrame:
-    """Return `settings_from_labels` as one row, lengths in mm."""
-    subsets = labelled.labelled_subsets(scale, seed, scenario=scenario)
-    methods = labelled.from_thresholds(labelled.tried_thresholds(scale))
-    threshold = labelled.best_threshold(labelled.score_methods(subsets, methods))
-    wall = fit_cylinder(labelled.wall_points(subsets[0]), seed)
-    placed = labelled.place_marked(subsets, wall).dropna(subset="z")
-    on_wall = placed["label"] == 4
-    distance = placed["distance_mm"]
-    limit = crossing(distance[~on_wall], distance[on_wall])  # section 5.1.4
-    in_air_mm = limit + BEYOND_CROSSING_MM
-    return DataFrame([{"threshold": threshold, "in_air_mm": in_air_mm} | vars(wall)])
 
 
 class Campaign(NamedTuple):
@@ -178,32 +176,28 @@ def campaigns(
     recorded = []
     for fraction, bar in keys or CAMPAIGNS[scale]:
         source = TwinSource(scene_name(campaign_name(fraction, bar), scenario), seed)
-        recorded.append(Campaign(fraction, bar, _run(source, scale, settings)))
+        twin = source.recording()
+        count = FRAMES[scale] or len(twin)
+        frames = busiest(*flight_frames(twin), count, len(twin))
+        detection = DetectionRun(
+            source,
+            frames,
+            detector=Combination(sift(settings.threshold)),
+            background=BACKGROUNDS[scale],
+            chunk=-(-len(twin) // 3),  # each chunk reads a window of the median again
+        )
+        ignition = None
+        if FRACTIONS[fraction].sheet:  # papers alone are tested (5.3.2)
+            ignition = Ignition()
+        run = Chain(
+            detection,
+            exit_point_mm=twin.attributes.exit_point_mm,
+            wall=settings.wall,
+            in_air=InAir(settings.in_air_mm),
+            rules=Rules(ignition=ignition, plausible=None),
+        )
+        recorded.append(Campaign(fraction, bar, run))
     return recorded
-
-
-def _run(source: TwinSource, scale: str, settings: LearnedSettings) -> Chain:
-    """Return the run of a campaign: frames of the scale, detector, wall, lance."""
-    twin = source.recording()
-    count = FRAMES[scale] or len(twin)
-    frames = busiest(*flight_frames(twin), count, len(twin))
-    detection = DetectionRun(
-        source,
-        frames,
-        detector=Combination(sift(settings.threshold)),
-        background=BACKGROUNDS[scale],
-        chunk=-(-len(twin) // 3),  # each chunk reads a window of the median again
-    )
-    ignition = None
-    if FRACTIONS[twin.scene.fraction].sheet:  # papers alone are tested (5.3.2)
-        ignition = Ignition()
-    return Chain(
-        detection,
-        exit_point_mm=twin.attributes.exit_point_mm,
-        wall=settings.wall,
-        in_air=InAir(settings.in_air_mm),
-        rules=Rules(ignition=ignition, plausible=None),
-    )
 
 
 def busiest(begin: Array, end: Array, count: int, total: int) -> range:
@@ -441,7 +435,7 @@ def gray_alone(campaign: Campaign) -> Chain:
 
 
 # Ids of data/reference/choices.csv.
-OTHERS: dict[str, Callable[[Campaign], Chain]] = {
+OTHERS = {
     "F1": true_outlet,
     "F2": rmse_alone,
     "F6": rejecting,

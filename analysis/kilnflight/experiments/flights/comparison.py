@@ -38,7 +38,7 @@ LEAST_FLIGHTS = 6  # flights of each campaign; claims are open with fewer
 TOLERANCE = 0.1  # share of a median of times or velocities
 SHARE_POINTS = 5.0  # percentage points of a share
 PUT_IN = 4000  # particles of a run whose flights show what was put in
-VERDICTS: dict[bool | None, str] = {True: "recovered", False: "biased", None: "open"}
+VERDICTS = {True: "recovered", False: "biased", None: "open"}
 
 
 def interval_columns(interval: Interval) -> Numbers:
