@@ -197,15 +197,13 @@ for name, frames in pairs.items():
     both["tracklet"] = np.where(particle, "Tk", "Ti")
     both["row"] = 40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle
     both["col"] = 10.0 * time
-    both["z"] = np.nan
     paths = read_paths(both, name)
     first = np.array([0])
-    second = np.array([1])
-    overlap = joining.overlap_in_time(paths, first, second)
-    _, frame, place = joining.connected_parts(paths, first, second, overlap)
+    ends = joining.overlap_in_time(paths, 0, 1)
+    overlap = joining.Overlap(*np.transpose(ends[1:]))
+    _, frame, place = joining.connected_parts(paths, first, first + 1, overlap)
     inside = pd.MultiIndex.from_arrays([frame, *place[:, :2].T])
-    points = pd.MultiIndex.from_frame(both[["frame", "row", "col"]])
-    both["connected"] = points.isin(inside)
+    both["connected"] = both.set_index(["frame", "row", "col"]).index.isin(inside)
     joined = tracklets.tracked(connection(both)).assign(tracklet="Tj", connected=False)
     parts += [both, joined.sort_values("frame")]
 table = pd.concat(parts, ignore_index=True)

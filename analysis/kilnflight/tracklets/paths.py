@@ -31,17 +31,16 @@ class Paths(NamedTuple):
     def grouped(self, names: Integers) -> Paths:
         """Return the points grouped by ``names`` (n,), without those below 0.
 
-        Tracklets are numbered by first frame, then row, then col. Points of one name
-        must ascend in frame, as the points are not sorted.
+        Tracklets are numbered by first frame, then row, then col. The names must ascend
+        but for those below 0, and the frames of one name, as nothing is sorted.
         """
         kept = np.flatnonzero(names >= 0)
-        _, first, name = np.unique(names[kept], return_index=True, return_inverse=True)
-        at = kept[first]
+        begin = np.flatnonzero(np.diff(names[kept], prepend=-1))
+        end = np.append(begin[1:], len(kept))[: len(begin)]
+        at = kept[begin]
         rank = np.lexsort((self.place[at, 1], self.place[at, 0], self.frame[at]))
-        number = np.argsort(rank)[name]
-        order = np.argsort(number, kind="stable")
-        starts = np.searchsorted(number[order], np.arange(len(first) + 1))
-        points = kept[order]
+        points = kept[ranges(begin[rank], end[rank])[1]]
+        starts = np.cumsum(np.append(0, (end - begin)[rank]))
         return Paths(
             rows=self.rows[points],
             frame=self.frame[points],
