@@ -22,16 +22,13 @@ sheet, lit from the side, jumps by 1 to 3 px. The defaults are not tuned to any 
 """
 
 import math
-from itertools import chain
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import toeplitz
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 from scipy.special import gammainc
 
-from kilnflight.arrays import Array, Flags, Index, Integers, Pair
+from kilnflight.arrays import Array, Flags, Integers, Pair
 from kilnflight.association import Pairs
 from kilnflight.checks import (
     InputError,
@@ -41,9 +38,9 @@ from kilnflight.checks import (
     Unlimited,
     check_number,
 )
+from kilnflight.compiled import compiled
 
 NO_ROWS: Integers = np.zeros(0, np.intp)
-FEW = 2**13  # pairs of tracks and detections; above it a tree finds near ones faster
 
 
 class Motion(Settings):
@@ -328,21 +325,20 @@ class Gate(Settings):
             If a residual covariance in the plane is singular.
         """
         logs, root = _root(residual)
+        if np.isnan(logs).any():
+            raise InputError(
+                "motion: a residual covariance (S = H P H' + R) is singular. Give the "
+                "motion more measurement noise."
+            )
         d = expected.shape[1]
         limit = self.distance**2
-        # No axis of an ellipse is longer than the root of the trace of S.
-        reach = limit * np.einsum("naa->n", residual)
-        i, j = _near(expected, detected.positions, reach)
-        apart = detected.positions[j] - expected[i]
-        innovation = np.einsum("pab,pb->pa", root[i], apart)
-        squares = np.einsum("pa,pa->p", innovation, innovation)
-        inside = squares < limit
+        i, j, innovation = _inside(expected, root, detected.positions, limit)
         if depth_mm is not None and detected.depth_mm is not None:
             step = np.abs(depth_mm[i] - detected.depth_mm[j])
-            inside &= ~(step >= self.depth_mm)  # NaN passes
-        some = np.flatnonzero(inside)
-        i = i[some]
-        j = j[some]
+            near = ~(step >= self.depth_mm)  # NaN passes
+            i = i[near]
+            j = j[near]
+            innovation = innovation[near]
         sizes = np.zeros(len(i))
         if points is not None and detected.points is not None:
             sizes = np.nan_to_num(np.abs(points[i] - detected.points[j]))
@@ -350,9 +346,9 @@ class Gate(Settings):
         return Pairs(
             track=i,
             detection=j,
-            distance_squared=squares[some],
+            distance_squared=np.einsum("pa,pa->p", innovation, innovation),
             size_difference=sizes,
-            innovation=innovation[some],
+            innovation=innovation,
             log_determinant=logs,
             gate_area=ball * self.distance**d * np.exp(logs / 2),
             gate_probability=gammainc(d / 2, limit / 2),
@@ -363,35 +359,62 @@ class Gate(Settings):
         )
 
 
-def _root(matrices: Array) -> Pair:
-    """Return ln |S| (n,) and L^-1 of matrices S = L L' (n, d, d)."""
-    if matrices.shape[1] != 2:
-        factor = np.linalg.cholesky(matrices)
-        return 2.0 * np.log(factor.diagonal(0, 1, 2)).sum(axis=1), np.linalg.inv(factor)
-    # Written out for the plane: a call for each matrix takes three times as long.
-    first = np.sqrt(matrices[:, 0, 0])
-    below = matrices[:, 1, 0] / first
-    rest = matrices[:, 1, 1] - below * below
-    if not rest.min(initial=1.0) > 0:  # NaN is not
-        raise InputError(
-            "motion: a residual covariance (S = H P H' + R) is singular. Give the "
-            "motion more measurement noise."
-        )
-    second = np.sqrt(rest)
-    root = np.zeros(matrices.shape)
-    root[:, 0, 0] = 1 / first
-    root[:, 1, 1] = 1 / second
-    root[:, 1, 0] = -below / (first * second)
-    return 2.0 * (np.log(first) + np.log(second)), root
+@compiled
+def _root(matrices: Any) -> Any:
+    """Return ln |S| (n,) and L^-1 of matrices S = L L' (n, d, d).
+
+    Both are NaN where S is singular. Compiled, three times faster than by numpy for 60
+    tracks.
+    """
+    logs = np.zeros(len(matrices))
+    root = np.zeros_like(matrices)
+    for i, a in np.ndindex(matrices.shape[:2]):
+        # Row a of L^-1: of unit length in S, orthogonal to those above it.
+        rest = matrices[i, a, a]
+        for b in range(a):
+            shared = 0.0
+            for c in range(b + 1):
+                shared += matrices[i, a, c] * root[i, b, c]
+            rest -= shared * shared
+            for c in range(b + 1):
+                root[i, a, c] -= shared * root[i, b, c]
+        if not rest > 0.0:
+            rest = np.nan
+        logs[i] += math.log(rest)
+        root[i, a, a] = 1.0
+        root[i, a] /= math.sqrt(rest)
+    return logs, root
 
 
-def _near(expected: Array, positions: Array, reach: Array) -> tuple[Index, Index]:
-    """Return the pairs of tracks and detections within squared distances (n,)."""
-    n = len(expected)
-    if n * len(positions) <= FEW:
-        apart: Any = cdist(expected, positions, "sqeuclidean")
-        return (apart <= reach[:, None]).nonzero()
-    tree = cKDTree(positions, 32, compact_nodes=False, balanced_tree=False)
-    found = tree.query_ball_point(expected, np.sqrt(reach))
-    i = np.repeat(np.arange(n), list(map(len, found)))
-    return i, np.fromiter(chain.from_iterable(found), np.intp, len(i))
+@compiled
+def _inside(expected: Any, root: Any, positions: Any, limit: float) -> Any:
+    """Return tracks (p,), detections (p,) and innovations (p, d) of pairs in the gate.
+
+    ``limit`` is the square of its distance. Detections are read in the order of their
+    first axis, so only those near a track are tested.
+    """
+    d = expected.shape[1]
+    track = [0 for _ in range(0)]
+    detection = [0 for _ in range(0)]
+    found = [0.0 for _ in range(0)]
+    order = np.argsort(positions[:, 0])
+    first = positions[order, 0]
+    innovation = np.zeros(d)
+    for i in range(len(expected)):
+        reach = math.sqrt(limit) / root[i, 0, 0]
+        begin = np.searchsorted(first, expected[i, 0] - reach)
+        end = np.searchsorted(first, expected[i, 0] + reach, side="right")
+        for j in np.sort(order[begin:end]):
+            square = 0.0
+            for a in range(d):
+                innovation[a] = 0.0
+                for b in range(a + 1):
+                    apart = positions[j, b] - expected[i, b]
+                    innovation[a] += root[i, a, b] * apart
+                square += innovation[a] * innovation[a]
+            if square < limit:
+                track.append(i)
+                detection.append(j)
+                found.extend(innovation)
+    count = len(track)
+    return np.array(track), np.array(detection), np.array(found).reshape(count, d)

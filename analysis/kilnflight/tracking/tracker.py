@@ -290,13 +290,14 @@ def read_detections(table: DataFrame) -> Iterator[Detected]:
         points = check_finite(table["points"], where, gaps=True)
         points = np.where(points > 0, points, np.nan)
     order = np.lexsort((points, z, col, row, frames))
-    places = np.stack([row, col], axis=1)
-    depth = _unless_unknown(z)
-    sizes = _unless_unknown(points)
+    rows = rows[order]
+    places = np.stack([row, col], axis=1)[order]
+    depth = _unless_unknown(z[order])
+    sizes = _unless_unknown(points[order])
     numbers, starts = np.unique(frames[order], return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1])
-    parts = np.split(order, starts[1:])
-    for number, span, part in zip(numbers, spans, parts, strict=False):
+    parts = map(slice, starts, [*starts[1:], len(order)])
+    for number, span, part in zip(numbers, spans, parts, strict=True):
         yield Detected(
             positions=places[part],
             depth_mm=None if depth is None else depth[part],
@@ -377,7 +378,7 @@ def follow(
         kept = np.flatnonzero(keeps(storage[:n], detected.frame))
         # Index -1 copies the blank track: one for each detection, and one that stays.
         blank = np.full(len(detected.positions) + 1, -1)
-        storage = storage.take(np.append(kept, blank))
+        storage = storage.take(np.concatenate([kept, blank]))
         tracks = storage[: len(kept)]
         if detected.span != span:  # the matrices change only with it
             span = detected.span
@@ -412,11 +413,11 @@ def _unused(pairs: Pairs, weights: Array | Flags, owner: Index) -> Index:
     A track uses a detection with a weight of at least `USED`, if it is recorded, as
     ``owner`` (m,) says.
     """
-    share = np.zeros(len(owner))
+    unused = owner < 0
     if weights.dtype != np.bool_:  # else a detection with a weight is recorded
-        by_owner = np.isin(pairs.track, owner)
-        np.maximum.at(share, pairs.detection[by_owner], weights[by_owner])
-    return np.flatnonzero((owner < 0) & (share < USED))
+        used = np.isin(pairs.track, owner) & (weights >= USED)
+        unused[pairs.detection[used]] = False
+    return np.flatnonzero(unused)
 
 
 def _begin(
