@@ -329,8 +329,7 @@ def make_tables(
     InputError
         If something cannot be read or written, or a worker writes to another folder.
     """
-    if not callable(workers):
-        workers = Workers(1 if workers is None else workers)
+    workers = workers_of(workers)
     chunks = []
     for run in runs:
         chunks += [Piece(run, frames, len(frames)) for frames in run.detection.chunks]
@@ -339,6 +338,13 @@ def make_tables(
     for step in steps:
         pieces = [Piece(run, step, len(run.frames)) for run in runs]
         _make_missing(pieces, local, step)
+
+
+def workers_of(given: Workers | int | None) -> Workers:
+    """Return workers, or so many processes; None: one."""
+    if isinstance(given, Workers):
+        return given
+    return Workers(1 if given is None else given)
 
 
 def _make_missing(pieces: Sequence[Piece], workers: Workers, label: str) -> None:

@@ -4,10 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from kilnflight import chain
 from kilnflight.__main__ import main
+from kilnflight.film import preparation
 
 # Kills itself when a file, counted from 0, is renamed into place.
 KILLED = """
@@ -64,10 +66,10 @@ def test_a_killed_run_continues_and_ends_in_the_same_bytes(
 ):
     call = [sys.executable, "-c", KILLED, str(step), *command(tmp_path)]
     assert subprocess.run(call, check=False).returncode == -9
-    # the name of the film, and of each of seven tables its hash and its rows
+    # the name of the film, and of each of eight tables its hash and its rows
     endings = [path.suffix for path in tmp_path.glob("parts/*")]
     whole = len(endings) - endings.count(".lock") - endings.count(".part")
-    assert whole == min(step, 15)
+    assert whole == min(step, 17)
     made = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.parquet")}
     assert len(made) == (whole - 1) // 2 if whole else not made
     assert list(tmp_path.rglob(".*.part"))
@@ -83,6 +85,21 @@ def test_two_processes_write_the_same_bytes(command, expected, tmp_path):
     ]  # one folder, two runs
     assert [each.wait() for each in others] == [0, 0]
     assert contents(tmp_path) == expected
+
+
+def test_a_run_goes_on_with_the_chunks_that_it_began_with(
+    command, tmp_path, monkeypatch
+):
+    def chunks(frames, workers):
+        return pd.DataFrame({"frames": [8 // workers]})
+
+    monkeypatch.setattr(preparation, "chunk_frames", chunks)
+    main(command(tmp_path))
+    made = set(tmp_path.glob("parts/detections-*"))
+    for table in tmp_path.glob("parts/tracks-*"):
+        table.unlink()
+    main(command(tmp_path, "--jobs", "2"))
+    assert set(tmp_path.glob("parts/detections-*")) == made
 
 
 def test_a_damaged_table_is_named(command, expected, tmp_path, capsys):

@@ -267,3 +267,20 @@ def test_a_preview_goes_up_to_eight_times_the_threshold():
     )
     assert (np.diff(counts, axis=0) <= 0).all()
     assert (counts[1] == 9).all()
+
+
+@pytest.mark.parametrize(
+    ("frames", "workers", "chunk"),
+    [
+        (3000, 1, 375),  # eight, to show progress
+        (3000, 2, 375),
+        (3000, 3, 334),  # three each, of at most 500
+        (3000, 16, 188),
+        (3000, 64, 47),
+        (100_000, 64, 391),  # four each
+        (70, 8, 32),
+        (1, 1, 32),
+    ],
+)
+def test_each_worker_gets_as_many_chunks(frames, workers, chunk):
+    assert preparation.chunk_frames(frames, workers)["frames"].tolist() == [chunk]

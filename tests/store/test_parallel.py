@@ -43,9 +43,10 @@ def test_a_cluster_does_the_same(tmp_path):
     distributed = pytest.importorskip("distributed")
     threads = cv2.getNumThreads()
     with distributed.LocalCluster(
-        processes=False, n_workers=1, dashboard_address=":0"
+        processes=False, n_workers=3, threads_per_worker=1, dashboard_address=":0"
     ) as cluster:
-        workers = Workers(scheduler=cluster.scheduler_address)
+        workers = Workers(jobs=2, scheduler=cluster.scheduler_address)
+        assert (workers.number(), Workers(jobs=2).number()) == (3, 2)
         workers(partial(note, tmp_path), [1, 2, 3], [4, 4, 2], "noting")
         assert {file.name for file in tmp_path.iterdir()} == {"1", "2", "3"}
         with pytest.raises(InputError, match="piece 1 is bad"):

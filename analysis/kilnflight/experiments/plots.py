@@ -294,17 +294,8 @@ def draw_cloud(wall: DataFrame, particles: DataFrame, marked: DataFrame) -> Figu
     dots = axes.scatter(beside["x"], beside["y"], c=depth, s=9, cmap="viridis")
     axes.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
     axes.set(aspect="equal", title="the marked particle")
-    axes.margins(0.15)
-    axes.locator_params(axis="x", nbins=3)
-    axes.locator_params(axis="y", nbins=5)
-    picture.colorbar(
-        dots,
-        ax=axes,
-        label="depth z (m)",
-        location="bottom",
-        pad=0.25,
-        shrink=0.9,
-    )
+    axes.locator_params(nbins=4)
+    picture.colorbar(dots, label="depth z (m)", location="bottom", pad=0.25)
     return picture
 
 
@@ -353,18 +344,15 @@ def upright(places_mm: ArrayLike) -> Array:
 def label_camera_space(axes: Any) -> None:
     """Label 3D axes with `upright` places, and invert the second: call it once."""
     axes.invert_yaxis()  # otherwise left and right are swapped
-    label_3d(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
+    label_3d(axes, "depth z (m)", "x (m)", "up, y (m)")
 
 
-def label_3d(axes: Any, labels: Texts, pads: Sequence[int], ticks: int) -> None:
-    """Label x, y, z of a 3D plot, with about 4 ticks each.
-
-    ``pads`` and ``ticks`` shift labels and ticks away from the plot, in points.
-    """
-    axes.set_xlabel(labels[0], labelpad=pads[0])
-    axes.set_ylabel(labels[1], labelpad=pads[1])
-    axes.set_zlabel(labels[2], labelpad=pads[2])
-    axes.tick_params(pad=ticks)
+def label_3d(axes: Any, x: str, y: str, z: str) -> None:
+    """Label x, y, z of a 3D plot, near their axes, with about 4 ticks each."""
+    axes.set(xlabel=x, ylabel=y, zlabel=z)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = -3
+    axes.tick_params(pad=-2)
     axes.locator_params(nbins=4)
 
 

@@ -5,10 +5,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from pandas import DataFrame
 
 from kilnflight import chain
 from kilnflight.arrays import Array, Single
@@ -35,6 +36,7 @@ from kilnflight.film.settings import BACKGROUNDS, Background, Options
 from kilnflight.recording.files import WHITE, open_any
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
+from kilnflight.store.cache import CachedTable
 from kilnflight.tracking.tracker import Management
 
 EXPLAINED = {"background", "threshold", "post_processing"}  # by `choose` itself
@@ -275,14 +277,12 @@ def _detection(
     if deep:
         detector = Combination(single)
     frames = range(*(options.frames or (0, len(seen))))
-    # Eight chunks show progress; below 25 frames the median's window outweighs a chunk.
-    chunk = min(chain.CHUNK_FRAMES, max(25, -(-len(frames) // 8)))
     return chain.DetectionRun(
         source=seen,
         frames=frames,
         detector=detector,
         background=BACKGROUNDS[background],
-        chunk=chunk,
+        chunk=chain.CHUNK_FRAMES,
         folder=Path(),
     )
 
@@ -328,12 +328,24 @@ def _median_radius(found: Sequence[Array]) -> float:
     return np.median([0.0, *np.concatenate(found)[:, 2]])
 
 
+def chunk_frames(frames: int, workers: int) -> DataFrame:
+    """Return the frames of a chunk, as a table: each of the workers gets as many.
+
+    They are as few as hold `chain.CHUNK_FRAMES`; eight at least show progress. Below 32
+    frames the median's window outweighs a chunk.
+    """
+    each = np.ceil(max(8, frames / chain.CHUNK_FRAMES) / workers)
+    chunk = max(32, int(np.ceil(frames / (each * workers))))
+    return DataFrame({"frames": [min(chunk, chain.CHUNK_FRAMES)]})
+
+
 def prepare(
-    stored: StoredRecording, target: Path, options: Options
+    stored: StoredRecording, target: Path, options: Options, workers: int = 1
 ) -> tuple[chain.Chain, Rows]:
     """Return the run of a stored recording, and its settings, which are printed.
 
-    Its motion is that of the kiln.
+    Its motion is that of the kiln. A run that goes on keeps the chunks that it began
+    with, whatever the number of ``workers`` is now.
     """
     rows = Printed()
     found = choose(stored, options, rows)
@@ -345,8 +357,11 @@ def prepare(
     if joined:
         how = "as in chapter 4.2 of the thesis"
     rows.append(("post-processing", how))
+    folder = target.absolute() / "parts"
+    make = partial(chunk_frames, len(found.frames), workers)
+    chunk = CachedTable("chunk", make, vars(found), folder)()["frames"]
     run = chain.Chain(
-        detection=replace(found, folder=target.absolute() / "parts"),
+        detection=replace(found, folder=folder, chunk=chunk[0]),
         exit_point_mm=lance,
         wall=wall,
         in_air=InAir(options.in_air_mm),

@@ -104,7 +104,7 @@ class Prepared:
             even = gray * (self.level / max(level_of(gray), 1.0))
             gray = np.minimum(np.rint(even), WHITE).astype(np.uint16)
         if self.dark:
-            return WHITE - gray
+            return np.subtract(WHITE, gray, dtype=np.uint16)
         return gray
 
 

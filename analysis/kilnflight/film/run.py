@@ -254,7 +254,8 @@ def run_recording(
     target = Path(target or f"{recording.attributes.name}-run")
     check_apart(target, source, recording)
     stored = _stored(recording, target)
-    run, rows = prepare(stored, target, given)
+    workers = chain.workers_of(workers)
+    run, rows = prepare(stored, target, given, workers.number())
     chain.make_tables([run], workers, steps=())
     if given.max_step or not run.post_processing:
         motion = motion_of(run.detection.detections(), given.max_step)

@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any
 
@@ -102,6 +102,13 @@ class Workers(Settings):
             for k in compute(numbered, pieces):
                 bar.update(frames[k])
 
+    def number(self) -> int:
+        """Return how many pieces are computed at a time."""
+        if self.scheduler is None:
+            return self.jobs
+        with self._client() as client:
+            return sum(client.ncores().values())
+
     def _bar(self, label: str) -> Facts:
         """Return the options of `tqdm`: where the bar is shown, and how often."""
         # smoothing 0: the mean rate
@@ -130,14 +137,12 @@ class Workers(Settings):
                 f"a process was killed (out of memory?). {AGAIN}"
             ) from error
 
-    def _cluster(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
-        """Yield the index of each piece that the cluster has finished.
-
-        ``make`` is `_numbered`, which takes the index and the piece.
-        """
+    @contextmanager
+    def _client(self) -> Iterator[Any]:
+        """Connect to the scheduler, which has a worker at least."""
         with ExitStack() as stack:
             try:
-                from distributed import Client, KilledWorker, as_completed
+                from distributed import Client
 
                 client = Client(
                     self.scheduler, timeout=PATIENCE_S, set_as_default=False
@@ -150,6 +155,16 @@ class Workers(Settings):
                     f"scheduler {self.scheduler}: {error}. It needs dask scheduler and "
                     "dask worker with the same kilnflight[cluster]."
                 ) from error
+            yield client
+
+    def _cluster(self, make: Make, pieces: Sequence[Any]) -> Iterator[int]:
+        """Yield the index of each piece that the cluster has finished.
+
+        ``make`` is `_numbered`, which takes the index and the piece.
+        """
+        with self._client() as client:
+            from distributed import KilledWorker, as_completed
+
             futures = client.map(make, range(len(pieces)), list(pieces), pure=False)
             try:
                 for future in as_completed(futures, loop=client.loop):
