@@ -1,8 +1,8 @@
 """How time and memory grow with frames, points and detections, and with Dask workers.
 
 Each measurement is a process of its own: ``python benchmarks/growth.py frames 300``
-prints what it found as JSON. ``table`` makes figures/growth.csv of them, without
-absolute times.
+prints what it found as JSON. ``tables`` makes figures/growth.csv of them, without
+absolute times, and figures/scale-out.csv, a model of more workers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import pandas as pd
 from bench_clustering import PARTICLES, WALL, surface
-from bench_kiln import SCENE, THRESHOLD, WANTED
+from bench_kiln import AROUND, SCENE, THRESHOLD, WANTED
 from bench_tracking import recording
 from measure import share_of_links
 
@@ -31,8 +31,9 @@ from kilnflight import chain
 from kilnflight.__main__ import main
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
+from kilnflight.film.preparation import chunk_frames
 from kilnflight.recording.frames import Attributes, Frame
-from kilnflight.recording.store import write_recording
+from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.simulated.kiln.scenes import open_scene
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
@@ -45,6 +46,8 @@ SIZES = {
 }
 HELD = 32
 FILM = 400  # frames held; frames of the film for Dask
+SHORT = 16  # frames of the film that compiles
+MODELLED = {"frames": (3000, 100_000), "workers": (2, 8, 16, 32, 64)}
 NETWORK = 1e9  # bytes/s at which workers read their frames, an assumption
 DETECTOR = Combination(DoG(THRESHOLD))
 
@@ -126,14 +129,14 @@ def workers(count: int) -> dict[str, float]:
 
     Also the share of the command's time in which they detect, and the number of workers
     that read `NETWORK` bytes/s together. Each chunk also reads the pictures of the
-    median's window.
+    median's window. One worker also gives the inputs of `scale_out`.
     """
     from distributed import LocalCluster
 
     twin = open_scene(SCENE)
     start = WANTED.start
     with tempfile.TemporaryDirectory() as name:
-        for length in (16, FILM):
+        for length in (SHORT, FILM):
             film = Path(name, f"{length}.zarr")
             write_recording(twin, film, range(start, start + length))
         whole, pictures = (  # bytes a frame
@@ -168,24 +171,87 @@ def workers(count: int) -> dict[str, float]:
                     ]
                 )
 
-            run(16)  # compiles
+            def rest(length: int) -> float:  # again, but for the detections
+                for part in Path(name, f"found-{length}", "parts").glob(
+                    "[!d]*.parquet"
+                ):
+                    part.unlink()
+                return seconds(lambda: run(length))
+
+            run(SHORT)  # compiles
             spent = seconds(lambda: run(FILM))
             parts = Path(name, f"found-{FILM}", "parts")
             chunks = len(list(parts.glob("d*.parquet")))
-            for part in parts.glob("[!d]*.parquet"):
-                part.unlink()
-            shared = spent - seconds(lambda: run(FILM))  # again, but for the detections
+            unshared = rest(FILM)
+            shared = spent - unshared
+            inputs = {}
+            if count == 1:
+                each = (unshared - rest(SHORT)) / (FILM - SHORT)
+                inputs = detection_s(film) | {"rest": each}
+                inputs["start"] = unshared - FILM * each
     moved = whole * FILM + pictures * 150 * chunks
     busy = (
         round(shared / (moved / NETWORK)) if count == 1 else np.nan
     )  # more slow each other
     found = {"shared_percent": round(100 * shared / spent), "workers_at_1_gb_s": busy}
-    return found | {"seconds": spent}
+    return found | {"seconds": spent, "inputs": inputs}
 
 
-def table() -> pd.DataFrame:
-    """Return time for one frame, point or detection by that of the smallest size."""
+def detection_s(film: Path) -> dict[str, float]:
+    """Return the seconds of a frame and of a chunk's window, one process."""
+    stored = open_recording(film)
+    short, long = (
+        min(
+            seconds(
+                lambda last=last: chain.detect_frames(
+                    stored, range(AROUND, last), DETECTOR
+                )
+            )
+            for _ in range(3)
+        )
+        for last in (AROUND + 32, AROUND + 128)
+    )
+    each = (long - short) / 96
+    return {"frame": each, "window": short - 32 * each}
+
+
+def scale_out(inputs: dict[str, float]) -> pd.DataFrame:
+    """Return the speed-up over one worker that a model expects.
+
+    ``inputs`` are measured seconds: of detection in a frame, of a chunk's window, of
+    the rest in a frame, which one process does, and of the start. Workers take chunk
+    after chunk; network and disk are left out.
+    """
+
+    def spent(frames: int, workers: int) -> tuple[int, float]:
+        chunk = int(chunk_frames(frames, workers)["frames"].iloc[0])
+        rounds = np.ceil(np.ceil(frames / chunk) / workers)
+        detection = rounds * (chunk * inputs["frame"] + inputs["window"])
+        return chunk, inputs["start"] + frames * inputs["rest"] + detection
+
     rows = []
+    for frames in MODELLED["frames"]:
+        for workers in MODELLED["workers"]:
+            chunk, time_s = spent(frames, workers)
+            speed_up = spent(frames, 1)[1] / time_s
+            rows.append((frames, workers, chunk, round(speed_up, 1)))
+    return pd.DataFrame(
+        rows, columns=["frames", "workers", "chunk_frames", "speed_up"]
+    ).assign(
+        detection_ms=round(1000 * inputs["frame"], 1),
+        window_ms=round(1000 * inputs["window"]),
+        rest_ms=round(1000 * inputs["rest"], 2),
+        start_s=round(inputs["start"], 1),
+    )
+
+
+def tables() -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return time for one frame, point or detection by that of the smallest size.
+
+    The second table is `scale_out`.
+    """
+    rows = []
+    inputs: dict[str, float] = {}
     first = 1.0
     for unit, sizes in SIZES.items():
         for size in sizes:
@@ -195,6 +261,7 @@ def table() -> pd.DataFrame:
             )
             row = {"unit": unit, "size": size} | json.loads(done.stdout)
             print(f"{unit}, {size}: {row['seconds']:.3g} s", flush=True)
+            inputs |= row.pop("inputs", {})
             each = row.pop("seconds") / (1 if unit == "workers" else size)
             first = each if size == sizes[0] else first
             if unit == "workers":  # their memory is not that of this process
@@ -210,7 +277,8 @@ def table() -> pd.DataFrame:
         "right_links",
         "speed_up",
     ]
-    return pd.DataFrame(rows)[[*columns, "shared_percent", "workers_at_1_gb_s"]]
+    columns += ["shared_percent", "workers_at_1_gb_s"]
+    return pd.DataFrame(rows)[columns], scale_out(inputs)
 
 
 if __name__ == "__main__":

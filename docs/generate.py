@@ -531,7 +531,7 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
         text = linked(path.read_text(), "" if top else "../")
         (folder / path.name).write_text(text)
     measured = paths.root() / "figures"  # make bench writes there, at one scale
-    for name in ("benchmarks", "cost-by-step", "growth"):
+    for name in ("benchmarks", "cost-by-step", "growth", "scale-out", "full-run"):
         text = "<p>Not measured here.</p>"
         if (measured / f"{name}.csv").is_file():
             text = table(name, measured)

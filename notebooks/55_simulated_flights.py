@@ -88,7 +88,7 @@ for k, name in enumerate(names[::2]):
         marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
         axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
     labels = ("from the lance (m)", "across (m)", "up (m)")
-    plots.label_3d(axes, labels, (0, -4, -4), -1)
+    plots.label_3d(axes, *labels)
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
     axes.set_title(f"{name}, {bar} bar")
 rows = []

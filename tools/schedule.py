@@ -38,6 +38,7 @@ EXTERNAL = (
 )
 FETCHED = Path("build/external.txt")  # says what of the authors' data is there
 POLL_S = 0.05  # pause between two looks at what runs
+SHOWN = 10  # longest notebooks in the table of a full run
 
 
 @dataclass(frozen=True)
@@ -201,6 +202,28 @@ def seconds_of(plan: Plan, source: Path) -> Path:
     return plan.build / f"{source.stem}.seconds"
 
 
+def save_times(plan: Plan) -> None:
+    """Save the minutes of the longest notebooks as figures/full-run.csv."""
+    # Imported late: slow, and not needed where nothing is out of date.
+    import pandas as pd
+
+    from kilnflight.publication import figures
+
+    seconds = {
+        source.stem: float(seconds_of(plan, source).read_text())
+        for source in plan.sources
+    }
+    minutes = pd.Series(seconds, name="minutes").div(60).rename_axis("notebook")
+    shown = minutes.nlargest(SHOWN)
+    shown.loc["the others"] = minutes.sum() - shown.sum()
+    figures.save(
+        "full-run",
+        shown.round(1).reset_index(),
+        caption="Minutes of each of the longest notebooks in the last full run.",
+        provenance=figures.trace("tools/schedule", {"scale": plan.scale}, mark=""),
+    )
+
+
 def time_left(plan: Plan, waiting: Sequence[Path]) -> str:
     """Return about how long some notebooks take, by their last run; else nothing."""
     files = [seconds_of(plan, source) for source in waiting]
@@ -245,7 +268,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for source in sources:  # a wrong one is told before any begins
             plan.given(source)
-        return run_all(plan, wanted)
+        status = run_all(plan, wanted)
+        if plan.scale == "full" and wanted == sources and not status:
+            save_times(plan)
+        return status
     except InputError as error:
         print(error, file=sys.stderr)
         return 1
