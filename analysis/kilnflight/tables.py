@@ -80,8 +80,10 @@ class Table:
             place = f"{where}: column {name}"
             checked[name] = _checked(checked[name], kind, place, LIMITS.get(name, {}))
         if once:  # two particles may be at one pixel, in discs of two sizes
-            every = table.select_dtypes("number").assign(**checked)
-            wrong = checked.index[every.duplicated() | (checked["frame"] < 0)]
+            twice = checked.iloc[:, :2].duplicated()  # two columns tell nearly all
+            if twice.any():
+                twice = table.select_dtypes("number").assign(**checked).duplicated()
+            wrong = checked.index[twice | (checked["frame"] < 0)]
             if len(wrong):
                 raise InputError(
                     f"{where}: row {wrong[0]} is there twice, or its frame is below 0."

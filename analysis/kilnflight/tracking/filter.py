@@ -192,10 +192,11 @@ def predict(
     here.
     """
     n, k = state.shape
-    # One product of all rows takes half the time of one per track. P is symmetric.
+    # One product of all rows takes half the time of one per track. P is symmetric, but
+    # for rounding, which `update` makes even.
     half = (covariance.reshape(n * k, k) @ transition.T).reshape(n, k, k).mT
     spread = (half.reshape(n * k, k) @ transition.T).reshape(n, k, k) + process_noise
-    return state @ transition.T, 0.5 * (spread + spread.mT)
+    return state @ transition.T, spread
 
 
 def update(

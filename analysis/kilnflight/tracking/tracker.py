@@ -289,7 +289,9 @@ def read_detections(table: DataFrame) -> Iterator[Detected]:
         where = f"{TO_TRACK.name}: column points"
         points = check_finite(table["points"], where, gaps=True)
         points = np.where(points > 0, points, np.nan)
-    order = np.lexsort((points, z, col, row, frames))
+    order = np.lexsort((row, frames))  # twice as fast as all
+    if not np.diff([frames[order], row[order]]).any(axis=0).all():
+        order = np.lexsort((points, z, col, row, frames))
     rows = rows[order]
     places = np.stack([row, col], axis=1)[order]
     depth = _unless_unknown(z[order])
