@@ -66,7 +66,6 @@ class PictureFiles:
         return picture
 
 
-@dataclass(frozen=True)
 class Layers(PictureFiles):
     """Pictures (rows, cols) that lie in one file as (rows, cols, n)."""
 
@@ -306,8 +305,8 @@ def number_files(pattern: str, folder: Path) -> dict[int, Path]:
 
 def expression(pattern: str) -> str:
     """Return a pattern, its subset and class aside, as a regular expression."""
-    text = re.sub(r"\{frame[^}]*\}", "FRAME", pattern)
-    return re.escape(text).replace("FRAME", r"\d+").replace(r"\*", "[^/]*")
+    text = re.sub(r"FRAME|\\\{frame[^}]*\}", r"\\d+", re.escape(pattern))
+    return text.replace(r"\*", "[^/]*")
 
 
 def find_file(pattern: str, folder: Path) -> Path:
@@ -374,10 +373,8 @@ def read_stack(path: Path, key: Key = None, named: bool = True) -> Anything:
 read_pages = lru_cache(maxsize=1)(read_stack)  # pages are asked for one by one
 
 
-@lru_cache(maxsize=2)  # grey values and coordinates of one file
-def read_layers(path: Path, key: Key) -> Anything:
-    """Read an array whose last axis counts frames, once for all of them."""
-    return read_array(path, key)
+# Arrays whose last axis counts frames: grey values and coordinates of one file.
+read_layers = lru_cache(maxsize=2)(read_array)
 
 
 def forget() -> None:

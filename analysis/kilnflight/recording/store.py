@@ -195,13 +195,7 @@ def open_recording(path: Path | str) -> StoredRecording:
         raise InputError(
             f"{path}: no such file, or no whole recording ({error})."
         ) from error
-    recording = StoredRecording(
-        path=path,
-        attributes=attributes,
-        arrays=arrays,
-        per_frame=per_frame,
-        stated=content,
-    )
+    recording = StoredRecording(path, attributes, arrays, per_frame, content)
     recording.content()
     return recording
 
@@ -289,8 +283,8 @@ def _write(
     table = DataFrame(rows, columns=[*PER_FRAME, "picture"])
     if (np.diff(table[["index", "time_s"]], axis=0) <= 0).any():
         raise InputError(f"{where}: number and time must grow from frame to frame.")
-    for name, kind in PER_FRAME.items():
-        arrays[name][:] = table[name].to_numpy(kind)
+    for name in PER_FRAME:
+        arrays[name][:] = table[name].to_numpy()
     for name, rows_of_truth in truth.items():
         (folder / "truth").mkdir(exist_ok=True)
         rows_of_truth.to_parquet(folder / "truth" / f"{name}.parquet")
