@@ -30,7 +30,7 @@ from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.publication import choices as unprinted
 from kilnflight.publication import claims
-from kilnflight.publication.style import mark, style
+from kilnflight.publication.style import LOOKS, mark, style
 from kilnflight.store import index, paths
 
 PNG_DPI = 300
@@ -258,35 +258,23 @@ def concluded(entry: Mapping[str, Any]) -> str:
     body = f"<p>{html.escape(entry['result'])}</p>"
     if entry["verdicts"]:
         table = DataFrame(entry["verdicts"]).join(claims.load()["bound"], on="id")
-        names = [
-            "id",
-            "published",
-            "bound",
-            "verdict",
-            "because",
-            "measured",
-            "reason",
-        ]
-        shown = table[names].rename(columns={"published": "claim"})
-        body += shown.to_html(index=False, border=0)
+        body += _shown(table, "verdicts")
     else:
         body += "No claim is tested here."
     if entry["choices"]:
         table = DataFrame(entry["choices"])
         table["turns"] = table["turns"].map(" ".join)
-        table = table[["id", "quantity", "chosen", "other", "turns"]]
-        table.columns = [
-            "choice",
-            "quantity",
-            "ours",
-            "other value",
-            "verdicts that turn",
-        ]
         body += (
             "<p>What no work prints (notebook 01), with ours and the other value:</p>"
         )
-        body += table.to_html(index=False, border=0)
+        body += _shown(table, "choices")
     return f"<div class='concluded'>{body}</div>"
+
+
+def _shown(table: DataFrame, kind: str) -> str:
+    """Return the columns of a table that are shown as HTML; looks.toml names them."""
+    names = LOOKS[kind]
+    return table[[*names]].rename(columns=names).to_html(index=False, border=0)
 
 
 def _drawn(
