@@ -51,8 +51,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     places = {each.frame: each.positions for each in read_detections(detections)}
     every = np.array([t for t in sorted(places) if t + 1 in places], int)
     starts = every[:: 1 + len(every) // PAIRS]
-    more = every[:: 1 + len(detections) // MOST_LINKS]
-    reach = min(REACH * _width(places), limit)
+    reach = min(REACH * _width(detections), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
     steps, changes = _links(places, starts, flow, limit)
     apart = np.hypot(*(steps - flow).T)
@@ -72,8 +71,14 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     velocity = tuple(flow.round(2).tolist())
     if not inert:
         return Wandering(velocity, (_place_error(first), 1e-3), first)
-    turn = _largest_turn(places, more, flow, neighbour_px(detections))
-    if turn > 2 * change:  # the gate takes what is less
+    # Where neighbours are far apart, a link with a large change of the step is right: a
+    # particle has bounced. The gate takes what is less than two deviations.
+    between = neighbour_px(detections)
+    some = every[:: 1 + len(detections) // MOST_LINKS]
+    _, changes = _links(places, some, flow, between / FAR)
+    largest = np.hypot(*changes.T).max(initial=0.0)
+    turn = largest / Gate().distance
+    if FAR * largest <= between and turn > 2 * change:
         change = turn
     change = min(_rounded(change), first)
     return Motion(velocity, (_place_error(change), first), change)
@@ -99,11 +104,10 @@ def neighbour_px(detections: DataFrame) -> float:
     return np.median(np.concatenate(apart))
 
 
-def _width(places: Mapping[int, Array]) -> float:
-    """Return the larger extent in px of all positions by frame."""
-    if not places:
-        return 0.0
-    return np.ptp(np.concatenate(list(places.values())), axis=0).max()
+def _width(detections: DataFrame) -> float:
+    """Return the larger extent in px of all positions; NaN without any."""
+    spots = detections[["row", "col"]]
+    return (spots.max() - spots.min()).max()
 
 
 def _links(
@@ -125,21 +129,6 @@ def _links(
         _, one, other = np.intersect1d(k, j, return_indices=True)
         changes.append(after[n[other]] - middle[j[other]] - first[one])
     return np.concatenate(steps), np.concatenate(changes)
-
-
-def _largest_turn(
-    places: Mapping[int, Array], starts: Integers, flow: Array, between: float
-) -> float:
-    """Return the noise whose gate takes the largest turn; 0 where it is crowded.
-
-    ``between`` is the distance of neighbours in px. Where they are so far apart, a link
-    with a large change of the step is right: a particle has bounced.
-    """
-    _, changes = _links(places, starts, flow, between / FAR)
-    largest = np.hypot(*changes.T).max(initial=0.0)
-    if FAR * largest > between:
-        return 0.0
-    return largest / Gate().distance
 
 
 def _rounded(spread: float) -> float:
@@ -230,19 +219,14 @@ def more_rests(moving: Sequence[Array], every: Sequence[Array]) -> bool:
     total = (np.concatenate(every)[:, 3] >= least).sum()
     if 50 * len(left) < total:
         return True
-    shares = _shares_left(moving, every)
-    return bool(len(shares) and np.median(shares) < 0.87)
-
-
-def _shares_left(moving: Sequence[Array], every: Sequence[Array]) -> Array:
-    """Return the share (n,) of its strength that a median leaves of each spot."""
-    shares = [np.empty(0)]
+    shares = [np.empty(0)]  # of its strength, that a median leaves of each spot
     for spots, whole in zip(moving, every, strict=True):
         if len(whole):
             apart, which = map(np.asarray, KDTree(whole[:, :2]).query(spots[:, :2]))
             same = apart < whole[which, 2] + NEAR_PX
             shares.append((spots[:, 3] / whole[which, 3])[same])
-    return np.concatenate(shares)
+    share = np.concatenate(shares)
+    return bool(len(share) and np.median(share) < 0.87)
 
 
 def shaken_px(recording: Recording) -> float:

@@ -53,33 +53,23 @@ def pictures(
         Numbers (n,) of the frames that were searched.
     """
     linked = followed(tables["tracks"])
-    yield "detections", _counts(tables["detections"], frames)
-    yield "tracks", plot_tracks(recording, tables["tracks"])
-    yield "lengths-and-speeds", _lengths_and_speeds(linked)
-    spreading = square_displacements(linked)
-    if len(spreading) > 2 and spreading["square_px2"].max() > LEAST_PX2:
-        count = linked["particle"].nunique()
-        yield "mean-square-displacement", _spreading(spreading, count)
-
-
-def _counts(detections: DataFrame, frames: Any) -> Figure:
-    """Return a figure of the number of detections by frame."""
-    counts = detections["frame"].value_counts().reindex(frames, fill_value=0)
+    counts = tables["detections"]["frame"].value_counts()
     figure, ((axes,),) = style.canvas(width_mm=120)
-    axes.plot(frames, counts, lw=0.8)
+    axes.plot(frames, counts.reindex(frames, fill_value=0), lw=0.8)
     axes.set(xlabel="frame", ylabel="detections", ylim=(0, None))
-    return figure
-
-
-def _lengths_and_speeds(linked: DataFrame) -> Figure:
-    """Return histograms of the lengths of tracks and of the speeds of steps."""
+    yield "detections", figure
+    yield "tracks", plot_tracks(recording, tables["tracks"])
     figure, ((left, right),) = style.canvas(columns=2, width_mm=style.PAGE_MM)
     left.hist(linked["particle"].value_counts(), bins=30, **BARS)
     left.set(xlabel="length of a track (detections)", ylabel="tracks")
     # steps that differ by rounding alone make no bins
     right.hist(speeds(linked).round(6), bins=40, **BARS)
     right.set(xlabel="speed (px/frame)", ylabel="steps")
-    return figure
+    yield "lengths-and-speeds", figure
+    spreading = square_displacements(linked)
+    if len(spreading) > 2 and spreading["square_px2"].max() > LEAST_PX2:
+        count = linked["particle"].nunique()
+        yield "mean-square-displacement", _spreading(spreading, count)
 
 
 def _spreading(displacements: DataFrame, tracks: int) -> Figure:

@@ -6,7 +6,7 @@
 from collections.abc import Iterable
 
 import numpy as np
-from pandas import DataFrame, Series
+from pandas import DataFrame
 from tqdm import tqdm
 
 from kilnflight.arrays import Facts, Integers, Tables
@@ -176,9 +176,9 @@ def summary(tables: Tables) -> dict[str, str]:
         if len(dwell_s) > 5:
             told += f"{np.round([low, high], 3)}"
         rows["dwell time, median"] = told
-    rows |= _counts("refused", flights["refused"])
-    rows |= _counts("ending", counted["ending"])
-    rows |= _counts("ignition", counted["ignition"])
+    rows |= _counts(flights, "refused")
+    rows |= _counts(counted, "ending")
+    rows |= _counts(counted, "ignition")
     for _, metre in reaching(tables["slices"], len(counted)).iterrows():
         share = f"{100 * metre['share']:.0f} % of the flights"
         told = f"median {metre['median_m_s']:.1f} m/s, {share}"
@@ -186,7 +186,7 @@ def summary(tables: Tables) -> dict[str, str]:
     return rows
 
 
-def _counts(what: str, reasons: Series) -> dict[str, str]:
-    """Return how often each reason, not empty, occurs."""
-    counts = reasons.value_counts()
+def _counts(flights: DataFrame, what: str) -> dict[str, str]:
+    """Return how often each reason in a column, not empty, occurs."""
+    counts = flights[what].value_counts()
     return {f"{what}: {why}": f"{n}" for why, n in counts.items() if why}
