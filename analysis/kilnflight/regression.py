@@ -425,7 +425,7 @@ def _best_places(
     basis = np.linalg.qr(factors)[0]
     shares = moved @ basis  # (k, 3, highest order), share of each vector of the basis
     shares[:, np.arange(most) >= np.array(orders)[:, None]] = 0.0
-    return np.swapaxes(shares @ np.swapaxes(basis, 1, 2), 0, 1)
+    return np.swapaxes(shares @ basis.mT, 0, 1)
 
 
 def _downhill(cost: Array, at: int) -> int:

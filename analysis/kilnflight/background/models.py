@@ -20,12 +20,7 @@ from kilnflight.background.sliding_median import (
     Backgrounds,
     window_medians,
 )
-from kilnflight.checks import (
-    Count,
-    NotNegative,
-    Settings,
-    Share,
-)
+from kilnflight.checks import Count, NotNegative, Settings, Share
 
 WIDTH_PX = 20.0  # standard deviation of the Gaussian of `Surroundings`
 
@@ -105,8 +100,8 @@ class TwoFrame(Subtraction):
             _partner(t, side * self.interval, held.length) for side in self._sides
         ]
         held.fetch([t, *beside])
-        total = sum(self._difference(held[t], held[other]) for other in beside)
-        return np.asarray(total / len(beside), np.float32)
+        apart = [self._difference(held[t], held[other]) for other in beside]
+        return np.mean(apart, axis=0)
 
 
 class ThreeFrame(TwoFrame):

@@ -18,12 +18,7 @@ from scipy.spatial import KDTree
 
 from kilnflight.arrays import Array, ArrayLike, Index, Integers
 from kilnflight.association import assign
-from kilnflight.checks import (
-    InputError,
-    check_finite,
-    check_number,
-    check_shape,
-)
+from kilnflight.checks import InputError, check_finite, check_number, check_shape
 from kilnflight.detection.region import within
 
 DETECTION_GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance

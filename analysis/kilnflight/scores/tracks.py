@@ -274,10 +274,8 @@ def _read_tracks(
     names, starts = np.unique(particle, return_index=True)
     frames = np.split(frame, starts[1:])
     places = np.split(points, starts[1:])
-    tracks = [
-        Track(particle=name, frames=frames[k], points=places[k], bridged=bridged)
-        for k, name in enumerate(names.tolist())
-    ]
+    parts = zip(names.tolist(), frames, places, strict=False)
+    tracks = [Track(*part, bridged) for part in parts]
     return sorted(
         tracks, key=lambda track: (track.frames.tobytes(), track.points.tobytes())
     )
