@@ -251,3 +251,14 @@ def test_the_package_itself_loads_nothing():
     assert process.stdout == "False\n"
     with pytest.raises(AttributeError, match="fly"):
         _ = kilnflight.fly
+
+
+def test_compiled_functions_are_counted_in_a_terminal():
+    script = (
+        "import sys, numba; from kilnflight.compiled import show_compiling; "
+        "sys.stderr.isatty = lambda: True; show_compiling(); "
+        "numba.njit(lambda x: x + 1)(1); numba.njit(lambda x: x + 2)(1)"
+    )
+    call = [sys.executable, "-c", script]
+    run = subprocess.run(call, capture_output=True, text=True, check=True)
+    assert "compiling: 2 functions" in run.stderr

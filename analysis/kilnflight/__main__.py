@@ -48,11 +48,13 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _opened(options: argparse.Namespace) -> Any:
     """Return the recording of a command."""
+    from kilnflight.compiled import show_compiling
     from kilnflight.recording.readers import read_array
 
     compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
     if not any(compiled.rglob("*.nbi")):
         print("The first run compiles, which takes up to a minute.", flush=True)
+        show_compiling()
     return kilnflight.open(
         options.recording,
         channel=options.channel,
