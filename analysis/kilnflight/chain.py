@@ -342,7 +342,7 @@ def make_tables(
 
 def workers_of(given: Workers | int | None) -> Workers:
     """Return workers, or so many processes; None: one."""
-    if isinstance(given, Workers):
+    if callable(given):
         return given
     return Workers(1 if given is None else given)
 
