@@ -35,6 +35,7 @@ from kilnflight.film.preparation import chunk_frames
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.simulated.kiln.scenes import open_scene
+from kilnflight.store.parallel import Workers
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
 
@@ -224,7 +225,7 @@ def scale_out(inputs: dict[str, float]) -> pd.DataFrame:
     """
 
     def spent(frames: int, workers: int) -> tuple[int, float]:
-        chunk = int(chunk_frames(frames, workers)["frames"].iloc[0])
+        chunk = int(chunk_frames(frames, Workers(workers))["frames"].iloc[0])
         rounds = np.ceil(np.ceil(frames / chunk) / workers)
         detection = rounds * (chunk * inputs["frame"] + inputs["window"])
         return chunk, inputs["start"] + frames * inputs["rest"] + detection

@@ -109,6 +109,12 @@ def test_no_assignment_is_cheaper(cost, missed):
     assert total(event) == min(total(event) for event in joint_events(*cost.shape))
 
 
+def test_of_equal_costs_the_first_pair_is_taken_and_none_is_missed():
+    track, detection = np.array([0, 0, 1]), np.array([0, 1, 2])
+    cost, missed = np.array([3.0, 3.0, 5.0]), np.array([4.0, 5.0])
+    assert assign(track, detection, cost, missed).tolist() == [True, False, True]
+
+
 def test_pda_is_the_printed_equations():
     """Eqs 4.10 to 4.13 of one track, in numbers; likelihoods too small for a float are
     misses.

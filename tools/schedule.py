@@ -194,6 +194,8 @@ def run_all(plan: Plan, wanted: Sequence[Path]) -> int:
         for process in running.values():
             process.send_signal(signal.SIGINT)
             process.wait()
+    if plan.scale == "full" and not (status or plan.parameters):
+        save_times(plan)
     return status
 
 
@@ -203,7 +205,12 @@ def seconds_of(plan: Plan, source: Path) -> Path:
 
 
 def save_times(plan: Plan) -> None:
-    """Save the minutes of the longest notebooks as figures/full-run.csv."""
+    """Save the minutes of the longest notebooks as figures/full-run.csv.
+
+    Nothing is saved before all have run.
+    """
+    if not all(seconds_of(plan, source).is_file() for source in plan.sources):
+        return
     # Imported late: slow, and not needed where nothing is out of date.
     import pandas as pd
 
@@ -268,10 +275,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for source in sources:  # a wrong one is told before any begins
             plan.given(source)
-        status = run_all(plan, wanted)
-        if plan.scale == "full" and wanted == sources and not status:
-            save_times(plan)
-        return status
+        return run_all(plan, wanted)
     except InputError as error:
         print(error, file=sys.stderr)
         return 1

@@ -3,7 +3,6 @@
 import argparse
 import atexit
 import gc
-import os
 import signal
 import tomllib
 import warnings
@@ -36,6 +35,9 @@ def main(arguments: list[str] | None = None) -> None:
         signal.signal(number, signal.default_int_handler)
     atexit.register(gc.freeze)  # else the end of the process takes half a second
     warnings.showwarning = lambda text, *_: print(f"warning: {text}")
+    from kilnflight.compiled import show_compiling
+
+    show_compiling()
     try:
         options.function(options)
     # ValueError: `InputError`, and what libraries say of settings; OSError: a full disk
@@ -48,13 +50,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _opened(options: argparse.Namespace) -> Any:
     """Return the recording of a command."""
-    from kilnflight.compiled import show_compiling
     from kilnflight.recording.readers import read_array
 
-    compiled = Path(os.environ.get("NUMBA_CACHE_DIR", Path(__file__).parent))
-    if not any(compiled.rglob("*.nbi")):
-        print("The first run compiles, which takes up to a minute.", flush=True)
-        show_compiling()
     return kilnflight.open(
         options.recording,
         channel=options.channel,

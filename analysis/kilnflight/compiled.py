@@ -10,13 +10,15 @@ compiled = njit(cache=True)
 
 
 class _Shown(event.Listener):
-    """Counts the functions that are compiled from now on, in a bar."""
+    """Says once that functions are compiled, and counts them in a bar."""
 
-    def __init__(self) -> None:
-        self.bar = tqdm(desc="compiling", unit=" functions", disable=None)
+    bar: Any = None
 
     def on_start(self, event: Any) -> None:
-        """Do nothing, as the bar counts what is done."""
+        """Say it."""
+        if self.bar is None:
+            print("Functions are compiled, once: up to a minute.", flush=True)
+            self.bar = tqdm(desc="compiling", unit=" functions", disable=None)
 
     def on_end(self, event: Any) -> None:
         """Count a function."""
@@ -24,5 +26,5 @@ class _Shown(event.Listener):
 
 
 def show_compiling() -> None:
-    """Count compiled functions in a bar, if standard error is a terminal."""
+    """Show from now on that functions are compiled; the bar only in a terminal."""
     event.register("numba:compile", _Shown())

@@ -1,5 +1,9 @@
 """A sorter that takes one picture at a time: as the whole recording, gaps, commands."""
 
+import os
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pandas as pd
@@ -192,3 +196,33 @@ def test_predictions_known_too_late_open_late_or_never():
 def test_unusable_pictures_and_parts_are_refused_by_name(numbered, more, match):
     with pytest.raises(InputError, match=match):
         run(numbered, **more)
+
+
+COMPILES = """
+import numpy as np
+from numba.core import event
+from kilnflight.belt.models import Predictor
+from kilnflight.belt.online import ValveSchedule, sort_spots
+from kilnflight.belt.valves import ValveBar
+
+class Never(event.Listener):
+    def on_start(self, event):
+        raise SystemExit("compiled late")
+    def on_end(self, event):
+        pass
+
+def spots():
+    event.register("numba:compile", Never())
+    for k in range(30):
+        born = [(5, 90.0), (9, 40.0)]
+        yield k, [(390.0 + 6 * (k - first), y) for first, y in born if k > first]
+
+for decision in sort_spots(spots(), Predictor(), ValveSchedule(ValveBar())):
+    pass
+"""
+
+
+def test_no_frame_waits_for_a_compiler(tmp_path):
+    """The first frame has no particle, later ones have one and two."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", COMPILES], env=environment, check=True)

@@ -91,7 +91,7 @@ def test_a_run_goes_on_with_the_chunks_that_it_began_with(
     command, tmp_path, monkeypatch
 ):
     def chunks(frames, workers):
-        return pd.DataFrame({"frames": [8 // workers]})
+        return pd.DataFrame({"frames": [8 // workers.number()]})
 
     monkeypatch.setattr(preparation, "chunk_frames", chunks)
     main(command(tmp_path))
@@ -100,6 +100,12 @@ def test_a_run_goes_on_with_the_chunks_that_it_began_with(
         table.unlink()
     main(command(tmp_path, "--jobs", "2"))
     assert set(tmp_path.glob("parts/detections-*")) == made
+
+
+def test_a_run_that_is_done_needs_no_cluster(command, expected, tmp_path):
+    main(command(tmp_path))
+    main(command(tmp_path, "--scheduler", "127.0.0.1:9"))
+    assert contents(tmp_path) == expected
 
 
 def test_a_damaged_table_is_named(command, expected, tmp_path, capsys):

@@ -283,4 +283,5 @@ def test_a_preview_goes_up_to_eight_times_the_threshold():
     ],
 )
 def test_each_worker_gets_as_many_chunks(frames, workers, chunk):
-    assert preparation.chunk_frames(frames, workers)["frames"].tolist() == [chunk]
+    found = preparation.chunk_frames(frames, kilnflight.Workers(workers))
+    assert found["frames"].tolist() == [chunk]

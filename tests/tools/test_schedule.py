@@ -116,6 +116,8 @@ def test_campaigns_come_before_those_that_take_their_tables(project, scale):
     assert many == (["50_campaigns"] if scale == "full" else [])
     if scale == "full":  # nothing runs beside the campaigns
         assert order[-3:] == ["50_campaigns", "52_late", "00_claims"]
+    saved = project / "figures" / "full-run.csv"  # only of a full run
+    assert saved.is_file() == (scale == "full")
 
 
 def test_a_few_can_be_asked_for(project):

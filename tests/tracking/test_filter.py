@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import chi2
 from tests.definitions import kalman
 from tests.definitions.pairs import table
 
+from kilnflight.checks import InputError
 from kilnflight.tracking import filter as filtering
 from kilnflight.tracking.filter import (
     ConstantAcceleration,
@@ -81,19 +83,23 @@ def test_the_equations_as_printed(motion, seed, count, detections, span):
         np.testing.assert_allclose(left[i], expected[1], rtol=1e-7, atol=1e-6)
 
 
+BALLS = {1: 2.0, 2: np.pi, 3: 4 / 3 * np.pi}  # volume of the unit ball
+
+
+@pytest.mark.parametrize("d", BALLS)
 @given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), tenths=st.integers(0, 60))
-def test_eq_4_8_pair_by_pair(seed, n, m, tenths):
+def test_eq_4_8_pair_by_pair(d, seed, n, m, tenths):
     rng, distance = np.random.default_rng(seed), tenths / 10
-    roots = rng.normal(0, 2, (n, 2, 2))
-    residual = roots @ roots.mT + 0.2 * np.eye(2)
+    roots = rng.normal(0, 2, (n, d, d))
+    residual = roots @ roots.mT + 0.2 * np.eye(d)
     depth, seen = rng.uniform(1000, 5000, n), rng.uniform(1000, 5000, m)
     depth[rng.random(n) < 0.3], seen[rng.random(m) < 0.3] = NAN, NAN
     sizes, counts = rng.integers(1, 50, n) * 1.0, rng.integers(1, 50, m) * 1.0
-    expected, detected = rng.normal(0, 4, (n, 2)), rng.normal(0, 4, (m, 2))
+    expected, detected = rng.normal(0, 4, (n, d)), rng.normal(0, 4, (m, d))
     pairs = Gate(distance)(
         expected, residual, Detected(detected, seen, counts), depth, sizes
     )
-    assert pairs.gate_probability == pytest.approx(1 - np.exp(-(distance**2) / 2))
+    assert pairs.gate_probability == pytest.approx(chi2.cdf(distance**2, d))
     squares, steps = (
         table(pairs, pairs.distance_squared, np.inf),
         table(pairs, pairs.size_difference),
@@ -102,7 +108,7 @@ def test_eq_4_8_pair_by_pair(seed, n, m, tenths):
         assert pairs.log_determinant[i] == pytest.approx(
             np.linalg.slogdet(residual[i])[1]
         )
-        area = np.pi * distance**2 * np.sqrt(np.linalg.det(residual[i]))
+        area = BALLS[d] * distance**d * np.sqrt(np.linalg.det(residual[i]))
         assert pairs.gate_area[i] == pytest.approx(area, abs=1e-9)
         for j in range(m):
             apart = detected[j] - expected[i]
@@ -112,6 +118,13 @@ def test_eq_4_8_pair_by_pair(seed, n, m, tenths):
                 square if inside else np.inf, rel=1e-6
             )
             assert steps[i, j] == (abs(sizes[i] - counts[j]) if inside else 0)
+
+
+@pytest.mark.parametrize("d", BALLS)
+def test_a_covariance_that_is_singular_is_refused(d):
+    residual = np.ones((1, d, d)) - (d == 1)
+    with pytest.raises(InputError, match="singular"):
+        Gate()(np.zeros((1, d)), residual, Detected(np.zeros((1, d))))
 
 
 def test_the_limits_of_the_gate_are_outside_and_unknown_numbers_pass():

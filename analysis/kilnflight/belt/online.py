@@ -238,6 +238,7 @@ def sort_spots(
     waiting = deque[Detected]()
     steps = tracker.follow(iter(waiting.popleft, None))
     watch = Watch(tracker, predictor, schedule.bar)
+    _compile(tracker)
     frame_s = tracker.frame_s
     done_s = 0.0
     last = np.zeros(0, np.void)
@@ -276,6 +277,14 @@ def sort_spots(
                 f"frame {frame}: a window was over before it could open. See late_s, "
                 "or the latency of the bar; ValveSchedule.never counts them.",
             )
+
+
+def _compile(tracker: BeltTracker) -> None:
+    """Track a particle in two frames of its own: the first frame would wait for it."""
+    area = tracker.appearance.area
+    middle = np.array([[area.start_mm + area.end_mm, area.width_mm]]) / 2
+    seen = tracker.detections(0, middle, np.arange(1))
+    deque(tracker.follow(iter([seen, seen])), 0)
 
 
 def _chosen(predicted: Named, chooses: Chooses) -> Named:

@@ -84,7 +84,7 @@ def _area_peaks(area: Single, prominence: float, every: bool) -> Array:
     height, width = area.shape
     least = area.min()
     top = area.argmax()  # the first of equal ones
-    above = np.zeros(area.shape)
+    above = np.full(area.shape, -1.0)  # no peak
     for row in range(1, height - 1):
         for col in range(1, width - 1):
             value = area[row, col]

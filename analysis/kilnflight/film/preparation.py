@@ -37,6 +37,7 @@ from kilnflight.recording.files import WHITE, open_any
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.recording.store import StoredRecording
 from kilnflight.store.cache import CachedTable
+from kilnflight.store.parallel import Workers
 from kilnflight.tracking.tracker import Management
 
 EXPLAINED = {"background", "threshold", "post_processing"}  # by `choose` itself
@@ -76,6 +77,7 @@ MOST_PX = 4_200_000  # of a picture that is enlarged four times
 NARROW_PX = 3.2  # enlarged radius; below it some simulated spots are missed
 LOOKS = 3  # frames of those, that are looked at
 PLAIN = 1.25  # threshold over that with a median, up to which ground is plain; choice
+_ONE = Workers()
 FEW = 10  # spots that tell nothing
 FEW_FRAMES = 5  # a median of fewer shows the particles themselves
 LEAST_SHAKEN = 15  # frames and px; in a shorter film slow particles look like shaking
@@ -328,19 +330,20 @@ def _median_radius(found: Sequence[Array]) -> float:
     return np.median([0.0, *np.concatenate(found)[:, 2]])
 
 
-def chunk_frames(frames: int, workers: int) -> DataFrame:
-    """Return the frames of a chunk, as a table: each of the workers gets as many.
+def chunk_frames(frames: int, workers: Workers) -> DataFrame:
+    """Return the frames of a chunk, as a table: all workers get as many chunks.
 
-    They are as few as hold `chain.CHUNK_FRAMES`; eight at least show progress. Below 32
-    frames the median's window outweighs a chunk.
+    A worker gets as few chunks as `chain.CHUNK_FRAMES` allows; eight in all at least
+    show progress. Each reads the median's window, so none has fewer than 32 frames.
     """
-    each = np.ceil(max(8, frames / chain.CHUNK_FRAMES) / workers)
-    chunk = max(32, int(np.ceil(frames / (each * workers))))
+    count = workers.number()
+    each = np.ceil(max(8, frames / chain.CHUNK_FRAMES) / count)
+    chunk = max(32, int(np.ceil(frames / (each * count))))
     return DataFrame({"frames": [min(chunk, chain.CHUNK_FRAMES)]})
 
 
 def prepare(
-    stored: StoredRecording, target: Path, options: Options, workers: int = 1
+    stored: StoredRecording, target: Path, options: Options, workers: Workers = _ONE
 ) -> tuple[chain.Chain, Rows]:
     """Return the run of a stored recording, and its settings, which are printed.
 

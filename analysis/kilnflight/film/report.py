@@ -31,7 +31,8 @@ class Printed(Rows):
         """Add and print a row."""
         super().append(row)
         what, value = row
-        print(printable(f"{what:<15}  {value}"), flush=True)
+        with tqdm.external_write_mode():
+            print(printable(f"{what:<15}  {value}"), flush=True)
 
     def extend(self, rows: Iterable[tuple[str, str]]) -> None:
         """Add and print rows."""

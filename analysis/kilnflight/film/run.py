@@ -255,7 +255,7 @@ def run_recording(
     check_apart(target, source, recording)
     stored = _stored(recording, target)
     workers = chain.workers_of(workers)
-    run, rows = prepare(stored, target, given, workers.number())
+    run, rows = prepare(stored, target, given, workers)
     chain.make_tables([run], workers, steps=())
     if given.max_step or not run.post_processing:
         motion = motion_of(run.detection.detections(), given.max_step)

@@ -333,7 +333,10 @@ class Gate(Settings):
             )
         d = expected.shape[1]
         limit = self.distance**2
-        i, j, innovation = _inside(expected, root, detected.positions, limit)
+        # One layout for all numbers of tracks: each other one would be compiled anew.
+        places = np.ascontiguousarray(expected), root
+        seen = np.ascontiguousarray(detected.positions, np.float64)
+        i, j, innovation = _inside(*places, seen, limit)
         if depth_mm is not None and detected.depth_mm is not None:
             step = np.abs(depth_mm[i] - detected.depth_mm[j])
             near = ~(step >= self.depth_mm)  # NaN passes
