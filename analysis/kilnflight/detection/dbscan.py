@@ -181,7 +181,7 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
     row = along[2]
     layer = along[1] * along[2]
     keys = _number(points, low, side, layer, row)
-    order = np.argsort(keys, kind="stable")
+    order = _stable_order(keys)
     keys = keys.take(order)
     starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     around = np.arange(-_REACH, _REACH + 1)
@@ -194,6 +194,20 @@ def _sort_into_cells(points: Array, side: float) -> _Cells:
         starts=np.append(starts, len(keys)),
         steps=steps[nearest],
     )
+
+
+def _stable_order(keys: Any) -> Any:
+    """Return the stable order (n,) of keys (n,) from 0 on, by 16 bits at a time.
+
+    numpy counts 16 bits and compares 64, which takes ten times as long.
+    """
+    order = np.argsort(keys.astype(np.uint16), kind="stable")
+    higher = keys >> 16
+    while higher.any():
+        digits = higher.take(order).astype(np.uint16)
+        order = order.take(np.argsort(digits, kind="stable"))
+        higher = higher >> 16
+    return order
 
 
 @compiled
