@@ -1,5 +1,6 @@
 """Functions that numba compiles; their machine code is kept on disk."""
 
+from functools import cache
 from typing import Any
 
 from numba import njit
@@ -25,6 +26,7 @@ class _Shown(event.Listener):
         self.bar.update()
 
 
+@cache  # one listener, however often it is called
 def show_compiling() -> None:
     """Show from now on that functions are compiled; the bar only in a terminal."""
     event.register("numba:compile", _Shown())

@@ -51,7 +51,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     places = {each.frame: each.positions for each in read_detections(detections)}
     every = np.array([t for t in sorted(places) if t + 1 in places], int)
     starts = every[:: 1 + len(every) // PAIRS]
-    reach = min(REACH * _width(detections), limit)
+    reach = min(REACH * _width(places), limit)
     flow = common_step([(places[t], places[t + 1]) for t in starts], reach)
     steps, changes = _links(places, starts, flow, limit)
     apart = np.hypot(*(steps - flow).T)
@@ -72,7 +72,7 @@ def motion_of(detections: DataFrame, max_step: float | None = None) -> Motion:
     if not inert:
         return Wandering(velocity, (_place_error(first), 1e-3), first)
     # Where neighbours are far apart, a link with a large change of the step is right: a
-    # particle has bounced. The gate takes what is less than two deviations.
+    # particle has bounced. The gate takes what is less than that.
     between = neighbour_px(detections)
     some = every[:: 1 + len(detections) // MOST_LINKS]
     _, changes = _links(places, some, flow, between / FAR)
@@ -104,10 +104,11 @@ def neighbour_px(detections: DataFrame) -> float:
     return np.median(np.concatenate(apart))
 
 
-def _width(detections: DataFrame) -> float:
-    """Return the larger extent in px of all positions; NaN without any."""
-    spots = detections[["row", "col"]]
-    return (spots.max() - spots.min()).max()
+def _width(places: Mapping[int, Array]) -> float:
+    """Return the larger extent in px of all positions by frame."""
+    if not places:
+        return 0.0
+    return np.ptp(np.concatenate(list(places.values())), axis=0).max()
 
 
 def _links(

@@ -195,7 +195,13 @@ def open_recording(path: Path | str) -> StoredRecording:
         raise InputError(
             f"{path}: no such file, or no whole recording ({error})."
         ) from error
-    recording = StoredRecording(path, attributes, arrays, per_frame, content)
+    recording = StoredRecording(
+        path=path,
+        attributes=attributes,
+        arrays=arrays,
+        per_frame=per_frame,
+        stated=content,
+    )
     recording.content()
     return recording
 

@@ -323,7 +323,7 @@ class LensWall:
         self.bias = bias
         level = background.level
         rows, columns = level.shape
-        self.lattice = Lattice(rows, columns, camera.lenses)
+        self.lattice = Lattice(rows=rows, columns=columns, lenses=camera.lenses)
         everywhere = np.ones(self.lattice.blocks, bool)
         # Variance of grey values by block.
         self.variance, mean = measure_contrast(level, self.lattice, np.inf, everywhere)
