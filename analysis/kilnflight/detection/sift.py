@@ -5,7 +5,6 @@ Orientation and descriptor (Eqs 2.29 ff.) are not computed.
 """
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -162,28 +161,23 @@ class DoG(Settings):
             Corners (row, col) of a polygon in px, or None: the whole image.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
+        spacing = 1.0 / self.enlarge
+        shift = (1.0 - spacing) / 2  # px from a pixel's middle to its first part's
         corners = None
         if within is not None:
-            corners = check_polygon(within, "DoG: within")
-        times = self.enlarge
-        if times > 1 and image.size:
-            shift = (times - 1) / 2  # px from the middle of a pixel to its first
-            if corners is not None:
-                corners = times * corners + shift
-            blur = min(times * self.camera_blur, SIGMA_PX)
-            plain = replace(self, camera_blur=blur, enlarge=1)
-            found = plain.graded(enlarged(image, times), corners)
-            return (found - [shift, shift, 0, 0]) / [times, times, times, 1]
+            corners = check_polygon(within, "DoG: within") + shift
         octaves = [np.empty((0, 4))]
-        spacing = 1.0
         if image.size:
-            first = _taps(math.sqrt(SIGMA_PX**2 - self.camera_blur**2))
+            if self.enlarge > 1:
+                image = enlarged(image, self.enlarge)
+            blur = min(self.enlarge * self.camera_blur, SIGMA_PX)
+            first = _taps(math.sqrt(SIGMA_PX**2 - blur**2))
             image = _blur(np.ascontiguousarray(image), first, 1)
         while min(image.shape) >= 3:  # a maximum has a neighbour on each side
             octaves.append(self._octave(image, spacing, corners))
             image = _blur(image, _NEXT, 2)
             spacing *= 2
-        return np.concatenate(octaves)
+        return np.concatenate(octaves) - [shift, shift, 0, 0]
 
     def _octave(self, image: Single, spacing: float, within: Array | None) -> Array:
         """Return row, col, radius, largest threshold (n, 4) of an octave's keypoints.
@@ -279,15 +273,17 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
     out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
     for i in range(len(out)):
         middle = step * i + reach
+        target = out[i] if step == 1 else across
         low = lines[middle - away]
         high = lines[middle + away]
         _pass(image.ravel(), low, high, weights, down[reach : reach + cols])
         for x in range(reach):
             down[x] = down[reach + ends[x]]
             down[-1 - x] = down[reach + ends[-1 - x]]
-        _pass(down, reach - away, reach + away, weights, across)
-        for x in range(out.shape[1]):  # a slice assigned is slow to compile
-            out[i, x] = across[step * x]
+        _pass(down, reach - away, reach + away, weights, target)
+        if step > 1:
+            for x in range(out.shape[1]):  # a slice assigned is slow to compile
+                out[i, x] = across[step * x]
     return out
 
 
@@ -368,7 +364,10 @@ def _maxima(stack: Any, level: float) -> Any:
     for layer in range(1, layers - 1):
         for row in range(_WALK, rows - _WALK):
             line = stack[layer, row]
-            if line.max() < level:
+            high = False
+            for col in range(_WALK, cols - _WALK):  # several at a time
+                high |= line[col] >= level
+            if not high:
                 continue  # most lines
             for col in range(_WALK, cols - _WALK):
                 value = line[col]
