@@ -104,11 +104,12 @@ def main(arguments: Sequence[str]) -> int:
     user names a folder in one of `FOLDERS`.
     """
     recordings = RECORDINGS
-    if any(map(os.environ.get, FOLDERS)):  # the user's folder is used as it is
+    told = f"have {len(BELT_DEM)} DEM tracks and {len(RECORDINGS)} recordings"
+    if any(map(os.environ.get, FOLDERS)):
         recordings = ()
+        told = f"have {len(BELT_DEM)} DEM tracks; recordings are those of your folder"
     groups: list[tuple[Sequence[str], Callable[[str], object]]]
     groups = [((*BELT_DEM.values(), *recordings), fetch)]
-    told = f"have {len(BELT_DEM)} DEM tracks and {len(recordings)} recordings"
     if "--optional" not in arguments:
         every = "--all" in arguments
         groups.append(((LABELLED_ARCHIVE,), lambda _: fetch_labelled(every)))
