@@ -67,6 +67,8 @@ class MorphologicalClustering(Settings):
             If the points are not (n, 3) finite numbers.
         """
         cloud = check_finite(points, "MorphologicalClustering: points", (None, 3))
+        # Along rows of three numpy finds the ends in a tenth of its speed.
+        cloud = np.asfortranarray(cloud)
         if len(cloud) == 0:
             return np.empty(0, np.intp)
         shifted = cloud - cloud.min(axis=0)
