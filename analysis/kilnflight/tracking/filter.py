@@ -395,20 +395,23 @@ def _inside(expected: Any, root: Any, positions: Any, limit: float) -> Any:
     """Return tracks (p,), detections (p,) and innovations (p, d) of pairs in the gate.
 
     ``limit`` is the square of its distance. Detections are read in the order of their
-    first axis, so only those near a track are tested.
+    first axis, so only those near a track are tested. If they come in it, as from
+    `track`, those of each track need no sort, which takes half of the time.
     """
     d = expected.shape[1]
     track = [0 for _ in range(0)]
     detection = [0 for _ in range(0)]
     found = [0.0 for _ in range(0)]
     order = np.argsort(positions[:, 0])
+    mixed = (np.diff(order) < 0).any()
     first = positions[order, 0]
     innovation = np.zeros(d)
     for i in range(len(expected)):
         reach = math.sqrt(limit) / root[i, 0, 0]
         begin = np.searchsorted(first, expected[i, 0] - reach)
         end = np.searchsorted(first, expected[i, 0] + reach, side="right")
-        for j in np.sort(order[begin:end]):
+        near = order[begin:end]
+        for j in np.sort(near) if mixed else near:
             square = 0.0
             for a in range(d):
                 innovation[a] = 0.0
@@ -420,5 +423,4 @@ def _inside(expected: Any, root: Any, positions: Any, limit: float) -> Any:
                 track.append(i)
                 detection.append(j)
                 found.extend(innovation)
-    count = len(track)
-    return np.array(track), np.array(detection), np.array(found).reshape(count, d)
+    return np.array(track), np.array(detection), np.array(found).reshape(-1, d)

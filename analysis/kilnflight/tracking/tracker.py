@@ -289,7 +289,8 @@ def read_detections(table: DataFrame) -> Iterator[Detected]:
         where = f"{TO_TRACK.name}: column points"
         points = check_finite(table["points"], where, gaps=True)
         points = np.where(points > 0, points, np.nan)
-    order = np.lexsort((row, frames))  # twice as fast as all
+    # One key of both numbers: rows that are in order are hardly sorted.
+    order = np.argsort(frames + 1j * row, kind="stable")
     if not np.diff([frames[order], row[order]]).any(axis=0).all():
         order = np.lexsort((points, z, col, row, frames))
     rows = rows[order]

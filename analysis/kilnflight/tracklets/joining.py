@@ -423,6 +423,8 @@ def _near(
             k = other
             if first[k] - last[i] >= max(limits[0], 1):
                 break
+            if not (changed[i] or changed[k]):
+                continue
             # If two start together, the one that ends first is the earlier.
             if first[i] == first[k] and last[k] < last[i]:
                 i = other
@@ -432,10 +434,10 @@ def _near(
             shared = min(1 - gap, last[k] - first[k] + 1) - missed[i] - missed[k]
             possible = nested or last[k] > last[i]
             possible &= gap > 0 or shared < limits[1]
-            if possible and (changed[i] or changed[k]):
+            if possible:
                 both = _overlap_within(paths, i, k, gap, limits, usual)
                 if both[0] >= 0:
-                    found += [i, k, gap, both[0], both[1], both[2]]
+                    found.extend((i, k, gap, *both))
     return np.array(found), usual, len(changed)
 
 
@@ -445,6 +447,9 @@ def _overlap_within(
 ) -> Any:
     """Return the `Overlap` of a pair, of which ``common`` is -1 beyond the limits."""
     _, overlap, distance, jump = limits
+    mean, both = overlap_in_time(paths, i, k, overlap, distance)
+    if gap <= 0 and (both[0] >= overlap or mean > distance):  # Eq. 4.21
+        return -1, 0, 0
     for path in (i, k):
         if usual[0, path] < 0:
             usual[:, path] = _speeds(paths, path)
@@ -455,9 +460,6 @@ def _overlap_within(
         step = math.hypot(start[0] - end[0], start[1] - end[1])
         if step > _MORE * gap * (max(usual[0, i], usual[0, k]) + jump):
             return -1, 0, 0
-    mean, both = overlap_in_time(paths, i, k, overlap, distance)
-    if gap <= 0 and (both[0] >= overlap or mean > distance):  # Eq. 4.21
-        return -1, 0, 0
     return both
 
 
