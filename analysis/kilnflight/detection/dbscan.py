@@ -96,10 +96,9 @@ class DBSCAN(Settings):
         limit = float(self.eps * self.eps)
         core = _core_points(cells, limit, self.min_points)
         inner = _only(cells, core)
-        starts = inner.starts[:-1]
         roots = _connected_cells(inner, limit)
         first = np.full(len(roots), len(cloud))  # core point of each root's cluster
-        np.minimum.at(first, roots, np.minimum.reduceat(inner.order, starts))
+        np.minimum.at(first, roots, inner.order[inner.starts[:-1]])
         rank = np.empty_like(roots)
         rank[np.argsort(first)] = np.arange(len(roots))
         numbers = rank[roots]
@@ -248,7 +247,7 @@ def _near(points: Any, a: int, low: Any, high: Any, b: int, limit: float) -> boo
     square = 0.0
     for axis in range(3):
         place = points[a, axis]
-        gap = max(low[b, axis] - place, place - high[b, axis], 0.0)
+        gap = place - min(max(place, low[b, axis]), high[b, axis])
         square += gap * gap
     return square <= limit
 
@@ -271,10 +270,11 @@ def _core_points(cells: _Cells, limit: float, min_points: int) -> Any:
     end = np.zeros(_ROWS, np.int64)
     core = np.ones(len(points), np.bool_)
     for cell in range(len(keys)):
-        if starts[cell + 1] - starts[cell] >= min_points:
+        own = range(starts[cell], starts[cell + 1])
+        if len(own) >= min_points:
             continue
         known = 0
-        for a in range(starts[cell], starts[cell + 1]):
+        for a in own:
             neighbours = 0
             for r in range(_ROWS):
                 if r == known:
