@@ -63,8 +63,8 @@ class DBSCAN(Settings):
     mm. The second pass takes 10 and 15 mm. Sources: section 2.2.4 and Table 5.8,
     thesis.
 
-    `sklearn.cluster.DBSCAN` gives the same labels. On the 206,000 points of a frame,
-    both passes take it 92 times as long (benchmarks.csv): it lists every pair of
+    `sklearn.cluster.DBSCAN` gives the same labels. On the 187,000 points of a frame,
+    both passes take it 91 times as long (benchmarks.csv): it lists every pair of
     neighbours, here most cells are decided as a whole.
 
     Examples

@@ -56,8 +56,8 @@ class QuasiClusterCenters(Settings):
     method, section 5.1.3 removes the wall with K = 35, alpha = 0.1 and takes K = 20,
     alpha = 0.2 for the rest. Sources: section 2.2.6 and Table 5.10, thesis.
 
-    Compiled: no library has the method, and its definition in sets takes nine times as
-    long on the 206,000 points of a frame (benchmarks.csv).
+    Compiled: no library has the method, and its definition in sets takes 13 times as
+    long on the 187,000 points of a frame (benchmarks.csv).
 
     Examples
     --------
