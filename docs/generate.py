@@ -534,7 +534,7 @@ def write_front(pages: Path, small: Path, stems: list[str]) -> None:
     for name in ("benchmarks", "cost-by-step", "growth", "scale-out", "full-run"):
         text = "<p>Not measured here.</p>"
         if (measured / f"{name}.csv").is_file():
-            text = table(name, measured)
+            text = table(name, measured).replace('href="', 'href="../')
         (pages / "documents" / f"{name}.inc").write_text(text)
     parameters = {
         path.stem: ", ".join(EXECUTE["known_parameters"](path))

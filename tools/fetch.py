@@ -107,7 +107,7 @@ def main(arguments: Sequence[str]) -> int:
     told = f"have {len(BELT_DEM)} DEM tracks and {len(RECORDINGS)} recordings"
     if any(map(os.environ.get, FOLDERS)):
         recordings = ()
-        told = f"have {len(BELT_DEM)} DEM tracks; recordings are those of your folder"
+        told = f"have {len(BELT_DEM)} DEM tracks (recordings: those of your folder)"
     groups: list[tuple[Sequence[str], Callable[[str], object]]]
     groups = [((*BELT_DEM.values(), *recordings), fetch)]
     if "--optional" not in arguments:

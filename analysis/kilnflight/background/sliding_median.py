@@ -5,7 +5,7 @@ and the windows are separated by halving. Each half of the windows shares more f
 which are merged in as sorted runs (Batcher's odd-even merge). A rank that cannot become
 a middle rank of any window is dropped, with every comparison that only served it. The
 program of minima and maxima is the same for every pixel; compiled code runs it tile by
-tile. `numpy.median` selects from every window anew and takes some 400 times as long
+tile. `numpy.median` selects from every window anew and takes some 600 times as long
 (benchmarks.csv).
 """
 

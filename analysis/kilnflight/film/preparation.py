@@ -142,7 +142,7 @@ def choose(recording: Recording, options: Options, rows: Rows) -> chain.Detectio
     deep = any(len(recording.frame(t).pixels) for t in spread(len(recording), 5))
     content = ""
     if isinstance(recording, StoredRecording):
-        content = recording.stated or recording.content()
+        content = recording.content()
     level = None
     if not deep:  # the light of depth's stays as it is
         recording = Kept(recording)

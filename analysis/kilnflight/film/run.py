@@ -303,7 +303,8 @@ def _stored(
     recording: FileRecording | StoredRecording, target: Path
 ) -> StoredRecording:
     """Return a recording as Zarr; of a film a copy in ``target``, made if missing."""
-    content = recording.content()
+    # What a stored one states is compared when it is opened, and by `prepare`.
+    content = getattr(recording, "stated", None) or recording.content()
     with claimed(target, WRITTEN, content) as parts:
         copy = parts / f"recording-{content}.zarr"
         if isinstance(recording, StoredRecording):
