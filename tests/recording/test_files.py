@@ -172,9 +172,10 @@ def test_a_named_channel(tmp_path):
     hnp.arrays(
         st.sampled_from([np.float32, np.float64, np.int32, np.int64, np.int16]),
         (3, 4, 5),
-        elements=st.integers(-9000, 9000),
+        # Within 4,096 of the least step: beyond, a few bad pixels are refused.
+        elements=st.integers(-2000, 2000),
     ),
-    st.sampled_from([1.0, 0.25, 16.0]),
+    st.sampled_from([1.0, 0.25, 64.0]),
 )
 @settings(max_examples=15)
 def test_whole_gray_values_stay_and_others_are_scaled(values, unit):
