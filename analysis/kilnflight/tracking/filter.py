@@ -395,8 +395,8 @@ def _inside(expected: Any, root: Any, positions: Any, limit: float) -> Any:
     """Return tracks (p,), detections (p,) and innovations (p, d) of pairs in the gate.
 
     ``limit`` is the square of its distance. Detections are read in the order of their
-    first axis, so only those near a track are tested. If they come in it, as from
-    `track`, those of each track need no sort, which takes half of the time.
+    first axis, so only those near a track are tested. If they come in that order, as
+    from `track`, none are sorted for each track: that would double the time.
     """
     d = expected.shape[1]
     track = [0 for _ in range(0)]
